@@ -1,0 +1,155 @@
+#pragma once
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/linalg/cholesky.hpp>
+#include <rotavg/parallel/threads.hpp>
+#include <rotavg/problem/gradient.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// S = Lambda - Rt (Theorem 1, (5)) of one connected component, n nodes, 3n x 3n, with
+///
+///     Lambda_i = sym( sum_j Rt_ij R_j^T R_i ),
+///
+/// symmetrised block by block, so that tr(Lambda) = tr(R Rt R^T) at any R, stationary or not.
+/// At a stationary point S R^T = 0; elsewhere S R^T is the leftover of the gradient.
+class CertificateMatrix {
+ public:
+  /// @param graph, R, components must outlive this object
+  CertificateMatrix(const MeasurementGraph& graph, const Rotations& R, const Components& components,
+                    Index component, int num_threads)
+      : graph_(graph),
+        R_(R),
+        nodes_(components.nodes[component]),
+        row_in_component_(components.row_in_component),
+        num_threads_(num_threads),
+        lambda_(nodes_.size()),
+        skew_(nodes_.size()) {
+    parallel_for(num_nodes(), num_threads_, [&](Index a) {
+      const Index i = nodes_[a];
+      const Matrix3 M = -linear_cost(graph_, R_, i) * R_[i];  // sum_j Rt_ij R_j^T R_i
+      lambda_[a] = 0.5 * (M + M.transpose());
+      skew_[a] = 0.5 * (M - M.transpose());
+    });
+  }
+
+  Index num_nodes() const { return static_cast<Index>(nodes_.size()); }
+  Eigen::Index size() const { return 3 * static_cast<Eigen::Index>(num_nodes()); }
+
+  /// S X, without forming S.
+  Eigen::MatrixXd apply(const Eigen::MatrixXd& X) const {
+    Eigen::MatrixXd Y(X.rows(), X.cols());
+    parallel_for(num_nodes(), num_threads_, [&](Index a) {
+      auto Y_a = Y.middleRows<3>(3 * a);
+      Y_a = lambda_[a].lazyProduct(X.middleRows<3>(3 * a));
+      for (const HalfEdge& h : graph_.row(nodes_[a])) {
+        Y_a -= h.block.lazyProduct(X.middleRows<3>(3 * row_in_component_[h.node]));
+      }
+    });
+    return Y;
+  }
+
+  /// D^-1 X with D the weighted degrees: the simplest preconditioner.
+  Eigen::MatrixXd divide_by_degree(Eigen::MatrixXd X) const {
+    for (Index a = 0; a < num_nodes(); ++a) X.middleRows<3>(3 * a) /= graph_.degree(nodes_[a]);
+    return X;
+  }
+
+  /// R^T, 3n x 3: the null vectors of S at a stationary point.
+  Eigen::MatrixXd null_vectors() const {
+    Eigen::MatrixXd N(size(), 3);
+    for (Index a = 0; a < num_nodes(); ++a) N.middleRows<3>(3 * a) = R_[nodes_[a]].transpose();
+    return N;
+  }
+
+  /// S R^T, 3n x 3, from the skew parts that Lambda lost: -skew(sum_j Rt_ij R_j^T R_i) R_i^T.
+  /// Its Frobenius norm is sqrt(2) / 4 times the norm of the gradient.
+  Eigen::MatrixXd leftover() const {
+    Eigen::MatrixXd K(size(), 3);
+    for (Index a = 0; a < num_nodes(); ++a) {
+      K.middleRows<3>(3 * a) = -skew_[a] * R_[nodes_[a]].transpose();
+    }
+    return K;
+  }
+
+  /// A bound on what rounding in Lambda and in the blocks of Rt adds to tr(S Y) for feasible Y.
+  double rounding_trace() const {
+    constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
+    double sum = 0.0;
+    for (const Index i : nodes_) sum += 12.0 * (graph_.row(i).size() + 10) * graph_.degree(i);
+    return unit * sum;
+  }
+
+  double max_degree() const {
+    double largest = 0.0;
+    for (const Index i : nodes_) largest = std::max(largest, graph_.degree(i));
+    return largest;
+  }
+
+  /// No factorisation of S takes fewer operations: with N columns and nnz entries in the lower
+  /// triangle, sum |L_j|^2 >= nnz^2 / N (Cauchy-Schwarz).
+  double min_factorization_flops() const {
+    double blocks = 0.0;
+    for (const Index i : nodes_) blocks += 1.0 + 0.5 * graph_.row(i).size();
+    const double nonzeros = 9.0 * blocks;
+    return nonzeros * nonzeros / static_cast<double>(size());
+  }
+
+  /// Lower triangle of S without its first `skipped` nodes.
+  SparseSymmetric lower(Index skipped) const {
+    SparseSymmetric S(3 * (num_nodes() - skipped), 3 * (num_nodes() - skipped));
+    std::vector<std::pair<Index, const HalfEdge*>> below;
+    Eigen::Index blocks = 0;
+    for (Index a = skipped; a < num_nodes(); ++a) blocks += 1 + graph_.row(nodes_[a]).size();
+    S.reserve(9 * blocks / 2);
+    for (Index a = skipped; a < num_nodes(); ++a) {
+      below.clear();
+      for (const HalfEdge& h : graph_.row(nodes_[a])) {
+        const Index b = row_in_component_[h.node];
+        if (b > a) below.emplace_back(b, &h);
+      }
+      std::stable_sort(below.begin(), below.end(),
+                       [](const auto& x, const auto& y) { return x.first < y.first; });
+      for (int c = 0; c < 3; ++c) append_column(S, a - skipped, c, skipped, below);
+    }
+    S.finalize();
+    return S;
+  }
+
+ private:
+  /// Column 3a + c: the diagonal block from the diagonal down, then -Rt_ba for every node b below.
+  void append_column(SparseSymmetric& S, Index a, int c, Index skipped,
+                     const std::vector<std::pair<Index, const HalfEdge*>>& below) const {
+    const int column = 3 * a + c;
+    S.startVec(column);
+    for (int r = c; r < 3; ++r) {
+      S.insertBack(column - c + r, column) = lambda_[a + skipped](r, c);
+    }
+    for (std::size_t k = 0; k < below.size();) {
+      const Index b = below[k].first;
+      Vector3 sum = Vector3::Zero();  // parallel edges add up
+      for (; k < below.size() && below[k].first == b; ++k) {
+        sum -= below[k].second->block.row(c).transpose();  // Rt_ba = Rt_ab^T
+      }
+      for (int r = 0; r < 3; ++r) S.insertBack(3 * (b - skipped) + r, column) = sum(r);
+    }
+  }
+
+  const MeasurementGraph& graph_;
+  const Rotations& R_;
+  const std::vector<Index>& nodes_;
+  const std::vector<Index>& row_in_component_;
+  int num_threads_;
+  std::vector<Matrix3> lambda_, skew_;
+};
+
+}  // namespace rotavg

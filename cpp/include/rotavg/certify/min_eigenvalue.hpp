@@ -1,0 +1,79 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+#include <Eigen/Core>
+
+#include <rotavg/certify/certificate_matrix.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/linalg/lobpcg.hpp>
+#include <rotavg/parallel/threads.hpp>
+
+namespace rotavg {
+
+/// A lower estimate of lambda_min(Rt), Algorithm 3's choice of mu: the Rayleigh quotient less its
+/// residual, to `relative_tolerance` of the largest degree.
+inline double min_eigenvalue_of_measurements(const MeasurementGraph& graph, int num_threads,
+                                             const std::function<bool()>& keep_going = {},
+                                             double relative_tolerance = 1e-4) {
+  const Eigen::Index rows = 3 * static_cast<Eigen::Index>(graph.num_nodes());
+  const LinearOperator apply = [&](const Eigen::MatrixXd& X) {
+    Eigen::MatrixXd Y = Eigen::MatrixXd::Zero(rows, X.cols());
+    parallel_for(graph.num_nodes(), num_threads, [&](Index i) {
+      auto Y_i = Y.middleRows<3>(3 * i);
+      for (const HalfEdge& h : graph.row(i))
+        Y_i += h.block.lazyProduct(X.middleRows<3>(3 * h.node));
+    });
+    return Y;
+  };
+  double max_degree = 0.0;
+  for (Index i = 0; i < graph.num_nodes(); ++i) max_degree = std::max(max_degree, graph.degree(i));
+
+  LobpcgOptions options;
+  options.tolerance = relative_tolerance * max_degree;
+  options.keep_going = keep_going;
+  const Eigenpair pair =
+      smallest_eigenpair(apply, {}, random_start(rows, 4), Eigen::MatrixXd(rows, 0), options);
+  // Gershgorin: the spectrum of Rt lies within [-max_degree, max_degree].
+  return std::max(pair.value - pair.residual, -max_degree);
+}
+
+/// R^T with orthonormal columns: the null space of S at a stationary point.
+inline Eigen::MatrixXd orthonormal_null_vectors(const CertificateMatrix& S) {
+  return S.null_vectors() / std::sqrt(static_cast<double>(S.num_nodes()));
+}
+
+/// The smallest eigenpair of S, given a start and a preconditioner close to the inverse of S (or of
+/// S + shift).
+inline Eigenpair min_eigenvalue(const CertificateMatrix& S, const Eigen::MatrixXd& start,
+                                const LinearOperator& preconditioner,
+                                const std::function<bool()>& keep_going) {
+  LobpcgOptions options;
+  options.tolerance = 1e-12 * S.max_degree();
+  options.value_tolerance = 1e-14 * S.max_degree();
+  options.max_iterations = 100;
+  options.keep_going = keep_going;
+  return smallest_eigenpair([&](const Eigen::MatrixXd& X) { return S.apply(X); }, preconditioner,
+                            start, Eigen::MatrixXd(S.size(), 0), options);
+}
+
+/// The smallest eigenpair of S on the complement of the null vectors R^T, to `relative_tolerance`
+/// of itself: positive at a strict optimum, negative where S refutes R. No factorisation: only the
+/// degrees are a preconditioner.
+inline Eigenpair min_eigenvalue_on_complement(const CertificateMatrix& S,
+                                              const std::function<bool()>& keep_going,
+                                              double relative_tolerance, int max_iterations) {
+  LobpcgOptions options;
+  options.tolerance = 1e-9 * S.max_degree();
+  options.relative_tolerance = relative_tolerance;
+  options.max_iterations = max_iterations;
+  options.keep_going = keep_going;
+  const Eigen::Index block = std::min<Eigen::Index>(4, S.size() - 3);
+  return smallest_eigenpair([&](const Eigen::MatrixXd& X) { return S.apply(X); },
+                            [&](const Eigen::MatrixXd& X) { return S.divide_by_degree(X); },
+                            random_start(S.size(), block), orthonormal_null_vectors(S), options);
+}
+
+}  // namespace rotavg

@@ -1,0 +1,66 @@
+#pragma once
+
+#include <vector>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// A breadth-first forest: every node's parent on a shortest path to the first node of its
+/// component.
+struct BreadthFirstForest {
+  std::vector<Index> order;   ///< all nodes, parents before children
+  std::vector<Index> parent;  ///< (n,) parent of each node, -1 for a root
+  std::vector<Index> depth;   ///< (n,) edges between a node and its root
+  std::vector<const HalfEdge*>
+      to_child;  ///< (n,) the parent's view of the tree edge; null for a root
+};
+
+inline BreadthFirstForest breadth_first_forest(const MeasurementGraph& graph) {
+  const auto n = static_cast<std::size_t>(graph.num_nodes());
+  BreadthFirstForest forest;
+  forest.order.reserve(n);
+  forest.parent.assign(n, -1);
+  forest.depth.assign(n, -1);
+  forest.to_child.assign(n, nullptr);
+  for (Index root = 0; root < graph.num_nodes(); ++root) {
+    if (forest.depth[root] >= 0) continue;
+    forest.depth[root] = 0;
+    std::size_t next = forest.order.size();
+    forest.order.push_back(root);
+    for (; next < forest.order.size(); ++next) {
+      const Index i = forest.order[next];
+      for (const HalfEdge& h : graph.row(i)) {
+        const Index j = h.node;
+        if (forest.depth[j] >= 0) continue;
+        forest.depth[j] = forest.depth[i] + 1;
+        forest.parent[j] = i;
+        forest.to_child[j] = &h;
+        forest.order.push_back(j);
+      }
+    }
+  }
+  return forest;
+}
+
+/// The number of edges of the cycle that an edge closes with the paths of the forest between its
+/// ends; 1 for an edge of the forest itself.
+inline Index fundamental_cycle_length(const MeasurementGraph& graph,
+                                      const BreadthFirstForest& forest, Index edge) {
+  Index i = graph.edges()[edge].i;
+  Index j = graph.edges()[edge].j;
+  const auto reached_by = [&](Index node) {
+    return forest.parent[node] >= 0 && forest.to_child[node]->edge == edge;
+  };
+  if (reached_by(i) || reached_by(j)) return 1;
+  Index length = 1;
+  while (i != j) {  // climb to the lowest common ancestor
+    Index& deeper = forest.depth[i] > forest.depth[j] ? i : j;
+    deeper = forest.parent[deeper];
+    ++length;
+  }
+  return length;
+}
+
+}  // namespace rotavg

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <vector>
+
+#include <rotavg/graph/measurement_graph.hpp>
+
+namespace rotavg {
+
+/// The connected components of a graph, numbered in the order of their first nodes.
+struct Components {
+  std::vector<Index> label;  ///< (n,) component of each node
+  std::vector<Index>
+      row_in_component;  ///< (n,) place of each node among the nodes of its component
+  std::vector<std::vector<Index>> nodes;  ///< the nodes of each component, rising
+
+  Index size() const { return static_cast<Index>(nodes.size()); }
+  /// The node that holds the gauge, R = I, in component c: its first.
+  Index root(Index c) const { return nodes[c].front(); }
+};
+
+inline Components connected_components(const MeasurementGraph& graph) {
+  const auto n = static_cast<std::size_t>(graph.num_nodes());
+  Components components;
+  components.label.assign(n, -1);
+  components.row_in_component.assign(n, 0);
+  std::vector<Index> stack;
+  for (Index root = 0; root < graph.num_nodes(); ++root) {
+    if (components.label[root] >= 0) continue;
+    const Index c = components.size();
+    components.nodes.emplace_back();
+    components.label[root] = c;
+    stack.assign(1, root);
+    while (!stack.empty()) {
+      const Index i = stack.back();
+      stack.pop_back();
+      for (const HalfEdge& h : graph.row(i)) {
+        Index& label = components.label[h.node];
+        if (label >= 0) continue;
+        label = c;
+        stack.push_back(h.node);
+      }
+    }
+  }
+  for (Index i = 0; i < graph.num_nodes(); ++i) {
+    std::vector<Index>& nodes = components.nodes[components.label[i]];
+    components.row_in_component[i] = static_cast<Index>(nodes.size());
+    nodes.push_back(i);
+  }
+  return components;
+}
+
+}  // namespace rotavg

@@ -1,0 +1,75 @@
+#pragma once
+
+#include <cmath>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+
+#include <Eigen/LU>
+
+#include <rotavg/so3/nearest.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// One measured relative rotation, R_i R_ij ~ R_j, between two nodes known by their ids.
+struct RelativeRotation {
+  NodeId i = 0;
+  NodeId j = 0;
+  Matrix3 i_from_j = Matrix3::Identity();  ///< R_ij
+  double weight = 1.0;  ///< w_ij, the inverse of the noise's variance up to a factor
+};
+
+/// An edge that no measurement graph can hold: which one (its place in the input) and why.
+class InvalidEdge : public std::invalid_argument {
+ public:
+  InvalidEdge(Index edge, const std::string& reason)
+      : std::invalid_argument("edge " + std::to_string(edge) + ": " + reason),
+        edge_(edge),
+        reason_(reason) {}
+  Index edge() const { return edge_; }
+  const std::string& reason() const { return reason_; }
+
+ private:
+  Index edge_;
+  std::string reason_;
+};
+
+/// How far max |R^T R - I| may be from zero: more than text with four digits loses.
+constexpr double max_orthogonality_error = 1e-3;
+/// Weights beyond these bounds would overflow or vanish in the sums.
+constexpr double min_weight = 1e-100;
+constexpr double max_weight = 1e100;
+
+/// The rotation of measurement k, snapped to the nearest rotation if rounding has moved it off.
+/// @throws InvalidEdge if an end meets itself, an entry is not finite, the matrix is not a rotation
+///         (by more than max_orthogonality_error), or the weight is out of bounds
+inline Matrix3 check_measurement(Index k, const RelativeRotation& m) {
+  const auto refuse = [k](const auto&... parts) {
+    std::ostringstream reason;
+    reason.precision(6);
+    (reason << ... << parts);
+    throw InvalidEdge(k, reason.str());
+  };
+  constexpr double snap_beyond = 1e-14;
+
+  if (m.i == m.j) refuse("it joins a node to itself; expected two different nodes");
+  if (!(m.weight >= min_weight && m.weight <= max_weight)) {
+    refuse("found the weight ", m.weight, "; expected a number between ", min_weight, " and ",
+           max_weight);
+  }
+  const Matrix3& R = m.i_from_j;
+  if (!R.allFinite()) refuse("the rotation holds a NaN or an infinity");
+  const double error = (R.transpose() * R - Matrix3::Identity()).cwiseAbs().maxCoeff();
+  if (!(error <= max_orthogonality_error)) {
+    refuse("the matrix is not a rotation: R^T R differs from the identity by ", error,
+           "; expected at most ", max_orthogonality_error);
+  }
+  if (R.determinant() < 0.0) {
+    refuse("the matrix is not a rotation: its determinant is ", R.determinant(),
+           " (a reflection); expected +1");
+  }
+  return error > snap_beyond ? nearest_rotation(R) : R;
+}
+
+}  // namespace rotavg

@@ -1,0 +1,40 @@
+#pragma once
+
+#include <algorithm>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// Finds the row of a node by its id.
+class NodeRows {
+ public:
+  /// @throws std::invalid_argument if an id stands twice
+  explicit NodeRows(const std::vector<NodeId>& nodes) {
+    sorted_.reserve(nodes.size());
+    for (const NodeId id : nodes) sorted_.emplace_back(id, static_cast<Index>(sorted_.size()));
+    std::sort(sorted_.begin(), sorted_.end());
+    const auto twice =
+        std::adjacent_find(sorted_.begin(), sorted_.end(),
+                           [](const auto& a, const auto& b) { return a.first == b.first; });
+    if (twice != sorted_.end()) {
+      throw std::invalid_argument("node " + std::to_string(twice->first) +
+                                  " stands twice in the list of nodes");
+    }
+  }
+
+  /// The row of a node, or -1 if there is none of this id.
+  Index find(NodeId id) const {
+    const auto at = std::lower_bound(sorted_.begin(), sorted_.end(), std::make_pair(id, Index{0}));
+    return at != sorted_.end() && at->first == id ? at->second : -1;
+  }
+
+ private:
+  std::vector<std::pair<NodeId, Index>> sorted_;
+};
+
+}  // namespace rotavg

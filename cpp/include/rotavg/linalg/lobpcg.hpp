@@ -1,0 +1,139 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <initializer_list>
+#include <random>
+
+#include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+
+#include <rotavg/so3/random.hpp>
+
+namespace rotavg {
+
+/// A symmetric operator (or a positive definite preconditioner) on the columns of a matrix.
+using LinearOperator = std::function<Eigen::MatrixXd(const Eigen::MatrixXd&)>;
+
+struct LobpcgOptions {
+  double tolerance = 1e-10;         ///< stop at |A x - theta x|_2 <= tolerance
+  double relative_tolerance = 0.0;  ///< … or at |A x - theta x|_2 <= relative_tolerance |theta|
+  /// Stop when theta has fallen by no more than this over two iterations. Only a preconditioner
+  /// close to the inverse makes that safe.
+  double value_tolerance = -1.0;
+  int max_iterations = 500;
+  std::function<bool()> keep_going;  ///< asked every iteration; false stops
+};
+
+/// An approximate eigenpair. Some eigenvalue of the operator (on the complement of the constraints)
+/// lies within `residual` of `value`; `value` is a Rayleigh quotient, so never below the smallest.
+struct Eigenpair {
+  double value = 0.0;
+  Eigen::VectorXd vector;
+  double residual = 0.0;
+  int iterations = 0;
+  bool converged = false;
+};
+
+/// Entries uniform in [-1, 1): a start for an eigenvalue iteration, the same bits every time.
+inline Eigen::MatrixXd random_start(Eigen::Index rows, Eigen::Index columns) {
+  std::mt19937_64 generator(0x5eed);
+  return Eigen::MatrixXd::NullaryExpr(rows, columns, [&](Eigen::Index, Eigen::Index) {
+    return 2.0 * random_unit(generator) - 1.0;
+  });
+}
+
+namespace detail {
+
+/// An orthonormal basis of the columns of several blocks, in their order; columns that depend on
+/// those before them, to working precision, are left out.
+inline Eigen::MatrixXd orthonormal_basis(std::initializer_list<const Eigen::MatrixXd*> blocks,
+                                         Eigen::Index rows, Eigen::Index max_size) {
+  Eigen::MatrixXd V(rows, max_size);
+  Eigen::Index size = 0;
+  for (const Eigen::MatrixXd* block : blocks) {
+    for (Eigen::Index c = 0; c < block->cols() && size < max_size; ++c) {
+      Eigen::VectorXd v = block->col(c);
+      const double norm = v.norm();
+      if (!(norm > 0.0) || !std::isfinite(norm)) continue;
+      v /= norm;
+      for (int pass = 0; pass < 2; ++pass) {  // twice is enough
+        v -= V.leftCols(size) * (V.leftCols(size).transpose() * v);
+      }
+      const double rest = v.norm();
+      if (rest < 1e-8) continue;
+      V.col(size++) = v / rest;
+    }
+  }
+  return V.leftCols(size);
+}
+
+inline bool meets(const LobpcgOptions& options, const Eigenpair& pair) {
+  return pair.residual <=
+         std::max(options.tolerance, options.relative_tolerance * std::abs(pair.value));
+}
+
+}  // namespace detail
+
+/// The smallest eigenvalue of a symmetric operator A by LOBPCG (Knyazev 2001): Rayleigh-Ritz on the
+/// current block X, the preconditioned residuals W and the last directions P. A start that holds an
+/// exact eigenvector may be taken for the answer at once.
+///
+/// @param A the operator
+/// @param T a preconditioner close to A^-1 on the directions that matter; the identity if empty
+/// @param start N x k, the first block; k columns are iterated together
+/// @param constraints N x c with orthonormal columns (c may be 0): the search stays orthogonal to
+/// them
+inline Eigenpair smallest_eigenpair(const LinearOperator& A, const LinearOperator& T,
+                                    const Eigen::MatrixXd& start,
+                                    const Eigen::MatrixXd& constraints,
+                                    const LobpcgOptions& options) {
+  using Eigen::MatrixXd;
+  const Eigen::Index rows = start.rows();
+  const auto project = [&](MatrixXd M) -> MatrixXd {
+    if (constraints.cols() > 0) {
+      for (int pass = 0; pass < 2; ++pass) M -= constraints * (constraints.transpose() * M);
+    }
+    return M;
+  };
+
+  const Eigen::Index max_size = std::min(rows - constraints.cols(), 3 * start.cols());
+  MatrixXd X = project(start), P(rows, 0), W(rows, 0);
+  Eigenpair best;
+  int idle = 0;  // iterations in which theta hardly fell
+  for (int iteration = 0;; ++iteration) {
+    // Rayleigh-Ritz on span [X W P]
+    const MatrixXd V = detail::orthonormal_basis({&X, &W, &P}, rows, max_size);
+    if (V.cols() == 0) return best;
+    const MatrixXd AV = A(V);
+    const MatrixXd H = V.transpose() * AV;
+    const Eigen::SelfAdjointEigenSolver<MatrixXd> ritz(0.5 * (H + H.transpose()));
+    const Eigen::Index k = std::min(start.cols(), V.cols());
+    const MatrixXd C = ritz.eigenvectors().leftCols(k);
+    const Eigen::Index others = std::max<Eigen::Index>(V.cols() - X.cols(), 0);
+    X = V * C;
+    P = V.rightCols(others) * C.bottomRows(others);
+    const MatrixXd residual = project(AV * C - X * ritz.eigenvalues().head(k).asDiagonal());
+    const double fall = best.value - ritz.eigenvalues()(0);
+    idle = iteration > 0 && fall <= options.value_tolerance ? idle + 1 : 0;
+    best.value = ritz.eigenvalues()(0);
+    best.vector = X.col(0);
+    best.residual = residual.col(0).norm();
+    best.iterations = iteration;
+    best.converged = detail::meets(options, best);
+    const bool exhausted = V.cols() >= rows - constraints.cols();
+    if (best.converged || exhausted || idle == 2 || iteration >= options.max_iterations) break;
+    if (options.keep_going && !options.keep_going()) break;
+    W = project(T ? T(residual) : residual);
+  }
+  // What is returned is evaluated at the returned vector.
+  const MatrixXd x = best.vector;
+  const MatrixXd Ax = project(A(x));
+  best.value = best.vector.dot(Ax.col(0));
+  best.residual = (Ax - best.value * x).norm();
+  best.converged = detail::meets(options, best);
+  return best;
+}
+
+}  // namespace rotavg

@@ -1,0 +1,56 @@
+#pragma once
+
+#include <sstream>
+#include <stdexcept>
+#include <string>
+
+#include <Eigen/LU>
+
+#include <rotavg/graph/measurement.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/so3/nearest.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// A matrix given for a node that is not a rotation: which node (its row) and why.
+class InvalidRotation : public std::invalid_argument {
+ public:
+  InvalidRotation(Index node, const std::string& reason)
+      : std::invalid_argument("the matrix of node " + std::to_string(node) + " " + reason),
+        node_(node),
+        reason_(reason) {}
+  Index node() const { return node_; }
+  const std::string& reason() const { return reason_; }
+
+ private:
+  Index node_;
+  std::string reason_;
+};
+
+/// Checks rotations that a user gave, and snaps each to the nearest rotation: for anything else the
+/// objective means nothing.
+/// @throws std::invalid_argument if there is not one for each node
+/// @throws InvalidRotation if a matrix is further from a rotation than max_orthogonality_error
+inline Rotations checked_rotations(const MeasurementGraph& graph, Rotations R) {
+  if (static_cast<Index>(R.size()) != graph.num_nodes()) {
+    throw std::invalid_argument("found " + std::to_string(R.size()) + " rotations; expected " +
+                                std::to_string(graph.num_nodes()) + ", one for each node");
+  }
+  for (Index i = 0; i < graph.num_nodes(); ++i) {
+    const double error = (R[i].transpose() * R[i] - Matrix3::Identity()).cwiseAbs().maxCoeff();
+    const double determinant = R[i].determinant();
+    if (!(error <= max_orthogonality_error && determinant > 0.0)) {
+      std::ostringstream reason;
+      reason.precision(6);
+      reason << "is not a rotation: R^T R differs from the identity by " << error
+             << " and the determinant is " << determinant << "; expected at most "
+             << max_orthogonality_error << ", and 1";
+      throw InvalidRotation(i, reason.str());
+    }
+    R[i] = nearest_rotation(R[i]);
+  }
+  return R;
+}
+
+}  // namespace rotavg

@@ -1,0 +1,73 @@
+#pragma once
+
+#include <cmath>
+#include <vector>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/parallel/reduce.hpp>
+#include <rotavg/so3/lie.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// The paper's A_l (10), so that tr(A_l R_l) is the part of -tr(R Rt R^T) / 2 that depends on R_l:
+///
+///     A_l = - sum_{(l,q)} w R_lq R_q^T - sum_{(p,l)} w R_pl^T R_p^T = - sum_q Rt_lq R_q^T.
+///
+/// (The paper prints R_p where R_p^T belongs.)
+inline Matrix3 linear_cost(const MeasurementGraph& graph, const Rotations& R, Index l) {
+  Matrix3 A = Matrix3::Zero();
+  for (const HalfEdge& h : graph.row(l)) {
+    A.noalias() -= h.block * R[h.node].transpose();
+  }
+  return A;
+}
+
+/// The gradient of f at node l in the global frame: the derivative of f along R_l <- exp(w) R_l at
+/// w = 0, given A_l. From f = const + 2 tr(A_l R_l) and tr([w] X) = -w . vee(X - X^T).
+inline Vector3 gradient_from_linear_cost(const Matrix3& A_l, const Matrix3& R_l) {
+  return -2.0 * vee_difference(R_l * A_l);
+}
+
+/// The Riemannian gradient of (3): one vector per node, g_l = d f(exp(w_l) R_l) / d w_l at w = 0.
+inline std::vector<Vector3> gradient(const MeasurementGraph& graph, const Rotations& R,
+                                     int num_threads = 1) {
+  std::vector<Vector3> g(R.size());
+  parallel_for(graph.num_nodes(), num_threads,
+               [&](Index l) { g[l] = gradient_from_linear_cost(linear_cost(graph, R, l), R[l]); });
+  return g;
+}
+
+/// Size of a gradient, absolutely and relative to the graph.
+struct GradientNorm {
+  double absolute = 0.0;  ///< |g|_2 over all nodes, in units of the objective per radian
+  /// sqrt( sum |g_l|^2 / deg_l ) / sqrt( sum deg_l ): the root mean square, weighted by degree, of
+  /// g_l / deg_l. It is in radians, and the same when all weights are scaled or a graph is doubled.
+  double relative = 0.0;
+};
+
+/// Sums behind a GradientNorm.
+struct GradientSums {
+  double squares = 0.0;
+  double scaled_squares = 0.0;
+  GradientSums& operator+=(const GradientSums& other) {
+    squares += other.squares;
+    scaled_squares += other.scaled_squares;
+    return *this;
+  }
+  GradientNorm norm(const MeasurementGraph& graph) const {
+    return {std::sqrt(squares), std::sqrt(scaled_squares / (2.0 * graph.total_weight()))};
+  }
+};
+
+inline GradientNorm gradient_norm(const MeasurementGraph& graph, const Rotations& R,
+                                  int num_threads = 1) {
+  const auto node_sums = [&](Index l) {
+    if (graph.row(l).size() == 0) return GradientSums{};
+    const double square = gradient_from_linear_cost(linear_cost(graph, R, l), R[l]).squaredNorm();
+    return GradientSums{square, square / graph.degree(l)};
+  };
+  return block_sum<GradientSums>(graph.num_nodes(), num_threads, node_sums).norm(graph);
+}
+
+}  // namespace rotavg

@@ -1,0 +1,25 @@
+#pragma once
+
+/// rotavg: absolute rotations from relative ones, with a proof of optimality.
+/// Layers, each using only those before it:
+///   types, parallel, so3, linalg -> graph -> problem -> init, certify -> solve
+
+#include <rotavg/certify/certificate.hpp>
+#include <rotavg/graph/breadth_first.hpp>
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/laplacian.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/init/random.hpp>
+#include <rotavg/init/shortest_path.hpp>
+#include <rotavg/problem/check_rotations.hpp>
+#include <rotavg/problem/gauge.hpp>
+#include <rotavg/problem/gradient.hpp>
+#include <rotavg/problem/objective.hpp>
+#include <rotavg/so3/lie.hpp>
+#include <rotavg/so3/loso.hpp>
+#include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/random.hpp>
+#include <rotavg/solve/auto.hpp>
+#include <rotavg/solve/bcd.hpp>
+#include <rotavg/solve/sum.hpp>
+#include <rotavg/version.hpp>

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Geometry>
+
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// The skew matrix [w] with [w] x = w × x.
+inline Matrix3 hat(const Vector3& w) {
+  Matrix3 W;
+  W << 0.0, -w.z(), w.y(), w.z(), 0.0, -w.x(), -w.y(), w.x(), 0.0;
+  return W;
+}
+
+/// The vector of A - A^T: vee(A - A^T) with vee(hat(w)) = w, so twice w for A = hat(w).
+inline Vector3 vee_difference(const Matrix3& A) {
+  return {A(2, 1) - A(1, 2), A(0, 2) - A(2, 0), A(1, 0) - A(0, 1)};
+}
+
+/// The rotation by |w| radians about w (Rodrigues).
+inline Matrix3 exp_so3(const Vector3& w) {
+  const double half = 0.5 * w.norm();
+  // sin(half) / (2 half), by its series where the quotient would lose digits.
+  const double s = half < 1e-4 ? 0.5 - half * half / 12.0 : 0.5 * std::sin(half) / half;
+  return Eigen::Quaterniond(std::cos(half), s * w.x(), s * w.y(), s * w.z()).normalized().matrix();
+}
+
+/// The rotation vector w, |w| <= pi, with exp_so3(w) = R.
+inline Vector3 log_so3(const Matrix3& R) {
+  Eigen::Quaterniond q(R);
+  if (q.w() < 0.0) q.coeffs() = -q.coeffs();
+  const double s = q.vec().norm();
+  const double scale = s < 1e-9 ? 2.0 / q.w() : 2.0 * std::atan2(s, q.w()) / s;
+  return scale * q.vec();
+}
+
+/// The angle in radians, 0 … pi, that turns A into B, from the chordal distance |A - B|_F
+/// = 2 sqrt(2) sin(angle / 2), which keeps its digits for small angles.
+inline double angle_between(const Matrix3& A, const Matrix3& B) {
+  const double sine = (A - B).norm() / (2.0 * std::sqrt(2.0));
+  if (sine < 0.7) return 2.0 * std::asin(sine);
+  return log_so3(A.transpose() * B).norm();
+}
+
+}  // namespace rotavg

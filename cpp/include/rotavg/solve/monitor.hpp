@@ -1,0 +1,80 @@
+#pragma once
+
+#include <utility>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/problem/gradient.hpp>
+#include <rotavg/solve/options.hpp>
+#include <rotavg/solve/result.hpp>
+#include <rotavg/solve/stopwatch.hpp>
+
+namespace rotavg {
+
+/// What all iterative solvers do after an iteration: measure it, record it, report it, and decide
+/// whether to stop.
+class Monitor {
+ public:
+  Monitor(const MeasurementGraph& graph, const IterationOptions& options)
+      : graph_(graph),
+        options_(options),
+        num_threads_(resolve_num_threads(options.num_threads, graph.num_edges())) {}
+
+  int num_threads() const { return num_threads_; }
+
+  /// Takes note of the rotations that an iteration ended with (first: of the initial value).
+  /// @returns whether the solver has to stop
+  bool should_stop(const Rotations& R, double objective, double step) {
+    const GradientNorm gradient = gradient_norm(graph_, R, num_threads_);
+    Progress progress;
+    progress.iteration = static_cast<int>(result_.trace.size());
+    progress.objective = objective;
+    progress.gradient_norm = gradient.absolute;
+    progress.relative_gradient = gradient.relative;
+    progress.step = step;
+    progress.seconds = watch_.seconds();
+    result_.trace.push_back(progress);
+    result_.status = status_after(progress);
+    return result_.status != Status::not_run;
+  }
+
+  /// For the middle of a long step.
+  bool keep_going() const {
+    return watch_.seconds() < options_.time_limit &&
+           (!options_.keep_going || options_.keep_going());
+  }
+
+  /// The result, with the rotations that should_stop was last shown.
+  IterationResult result(Rotations R) {
+    const Progress& last = result_.trace.back();
+    result_.rotations = std::move(R);
+    result_.iterations = last.iteration;
+    result_.objective = last.objective;
+    result_.gradient_norm = last.gradient_norm;
+    result_.relative_gradient = last.relative_gradient;
+    result_.seconds = watch_.seconds();
+    return std::move(result_);
+  }
+
+ private:
+  Status status_after(const Progress& progress) const {
+    const bool go_on = (!options_.callback || options_.callback(progress)) &&
+                       (!options_.keep_going || options_.keep_going());
+    if (options_.stop == StopRule::gradient) {
+      if (progress.relative_gradient <= options_.tolerance) return Status::gradient_converged;
+    } else if (progress.iteration > 0 && progress.step < options_.tolerance) {
+      return Status::step_converged;
+    }
+    if (!go_on) return Status::stopped;
+    if (progress.seconds >= options_.time_limit) return Status::time_limit;
+    if (progress.iteration >= options_.max_iterations) return Status::iteration_limit;
+    return Status::not_run;
+  }
+
+  const MeasurementGraph& graph_;
+  const IterationOptions& options_;
+  int num_threads_;
+  Stopwatch watch_;
+  IterationResult result_;
+};
+
+}  // namespace rotavg

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <functional>
+#include <limits>
+
+#include <rotavg/solve/progress.hpp>
+
+namespace rotavg {
+
+/// When an iteration has converged.
+enum class StopRule {
+  gradient,  ///< GradientNorm::relative <= tolerance
+  /// The paper's: BCD stops at sum_k |R_k - R_k'| / |R_k| < tolerance, SUM at |R - R'| / |R| <
+  /// tolerance. On a badly conditioned graph a small step does not mean a small gradient.
+  step,
+};
+
+/// What every iterative solver takes.
+struct IterationOptions {
+  StopRule stop = StopRule::gradient;
+  double tolerance = 1e-9;
+  int max_iterations = 20000;
+  double time_limit = std::numeric_limits<double>::infinity();  ///< seconds
+  int num_threads = 0;                                          ///< 0: all processors
+  ProgressCallback callback;         ///< called after every iteration; false stops
+  std::function<bool()> keep_going;  ///< asked often, in the middle of long steps too; false stops
+};
+
+/// How SUM (Algorithm 3) chooses mu, which makes B = mu I + Rt convex enough for its upper bound.
+enum class MuRule {
+  adaptive,        ///< mu_i = theta deg_i, theta = 0, 1/8, 1/4, 1/2, 1: raised when f does not fall
+  min_eigenvalue,  ///< mu = -lambda_min(Rt), as printed
+};
+
+}  // namespace rotavg

@@ -1,0 +1,22 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include <Eigen/Core>
+
+namespace rotavg {
+
+using Matrix3 = Eigen::Matrix3d;
+using Vector3 = Eigen::Vector3d;
+
+/// Row of a node or of an edge: 0 … n-1. Every result follows this order.
+using Index = int;
+
+/// The name a user gives a node.
+using NodeId = std::int64_t;
+
+/// One rotation per node, `world_from_i`: x_world = R_i x_i, so that R_i R_ij = R_j.
+using Rotations = std::vector<Matrix3>;
+
+}  // namespace rotavg

@@ -1,0 +1,11 @@
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+namespace rotavg_python {
+
+void bind_graph(pybind11::module_& m);
+void bind_solve(pybind11::module_& m);
+void bind_certify(pybind11::module_& m);
+
+}  // namespace rotavg_python

@@ -1,0 +1,118 @@
+#include <rotavg/certify/certificate.hpp>
+#include <rotavg/init/random.hpp>
+#include <rotavg/init/shortest_path.hpp>
+#include <rotavg/problem/check_rotations.hpp>
+#include <rotavg/problem/gradient.hpp>
+#include <rotavg/problem/objective.hpp>
+#include <rotavg/so3/lie.hpp>
+#include <rotavg/so3/loso.hpp>
+#include <rotavg/so3/nearest.hpp>
+#include <rotavg/solve/stopwatch.hpp>
+
+#include "bindings.hpp"
+#include "convert.hpp"
+#include "interrupt.hpp"
+#include "names.hpp"
+
+namespace rotavg_python {
+namespace {
+
+using rotavg::MeasurementGraph;
+
+rotavg::Rotations node_rotations(const MeasurementGraph& graph, const DoubleArray& array) {
+  return rotavg::checked_rotations(graph, to_rotations(array, "rotations"));
+}
+
+py::dict certify(const MeasurementGraph& graph, const DoubleArray& rotations, double tolerance,
+                 double time_limit, int num_threads) {
+  const rotavg::Rotations R = node_rotations(graph, rotations);
+  SignalCheck signals;
+  rotavg::Certificate certificate;
+  {
+    const py::gil_scoped_release release;
+    const rotavg::Stopwatch watch;
+    rotavg::CertificateOptions options;
+    options.tolerance = tolerance;
+    options.num_threads = num_threads;
+    options.keep_going = [&, check = signals.keep_going()] {
+      return watch.seconds() < time_limit && check();
+    };
+    certificate = rotavg::certify(graph, R, options);
+  }
+  signals.rethrow();
+  return certificate_dict(certificate);
+}
+
+py::array_t<double> gradient(const MeasurementGraph& graph, const DoubleArray& rotations) {
+  const auto g = rotavg::gradient(graph, node_rotations(graph, rotations));
+  py::array_t<double> result({static_cast<py::ssize_t>(g.size()), py::ssize_t{3}});
+  auto out = result.mutable_unchecked<2>();
+  for (py::ssize_t i = 0; i < out.shape(0); ++i) {
+    for (py::ssize_t k = 0; k < 3; ++k) out(i, k) = g[static_cast<std::size_t>(i)](k);
+  }
+  return result;
+}
+
+std::vector<double> residual_angles(const MeasurementGraph& graph, const rotavg::Rotations& R) {
+  std::vector<double> angles;
+  angles.reserve(graph.edges().size());
+  for (const rotavg::Edge& e : graph.edges()) {
+    angles.push_back(rotavg::angle_between(R[e.i] * e.i_from_j, R[e.j]));
+  }
+  return angles;
+}
+
+template <rotavg::Matrix3 (*kernel)(const rotavg::Matrix3&)>
+py::array_t<double> on_stack(const DoubleArray& matrices) {
+  rotavg::Rotations A = to_rotations(matrices, "matrices");
+  for (rotavg::Matrix3& A_k : A) A_k = kernel(A_k);
+  return from_rotations(A);
+}
+
+}  // namespace
+
+void bind_certify(py::module_& m) {
+  // A ValueError whose args are (node, reason).
+  static py::exception<rotavg::InvalidRotation> invalid_rotation(m, "InvalidRotation",
+                                                                 PyExc_ValueError);
+  py::register_exception_translator([](std::exception_ptr p) {
+    try {
+      if (p) std::rethrow_exception(p);
+    } catch (const rotavg::InvalidRotation& e) {
+      PyErr_SetObject(invalid_rotation.ptr(), py::make_tuple(e.node(), e.reason()).ptr());
+    }
+  });
+
+  m.def("certify", &certify, py::arg("graph"), py::arg("rotations"), py::kw_only(),
+        py::arg("tolerance"), py::arg("time_limit"), py::arg("num_threads"));
+  m.def(
+      "objective",
+      [](const MeasurementGraph& graph, const DoubleArray& rotations) {
+        return rotavg::objective(graph, node_rotations(graph, rotations));
+      },
+      py::arg("graph"), py::arg("rotations"));
+  m.def("gradient", &gradient, py::arg("graph"), py::arg("rotations"));
+  m.def(
+      "residual_angles",
+      [](const MeasurementGraph& graph, const DoubleArray& rotations) {
+        return from_vector(residual_angles(graph, node_rotations(graph, rotations)));
+      },
+      py::arg("graph"), py::arg("rotations"));
+  m.def(
+      "shortest_path_init",
+      [](const MeasurementGraph& graph) {
+        return from_rotations(rotavg::shortest_path_init(graph));
+      },
+      py::arg("graph"));
+  m.def(
+      "random_init",
+      [](const MeasurementGraph& graph, std::uint64_t seed) {
+        return from_rotations(rotavg::random_init(graph, seed));
+      },
+      py::arg("graph"), py::arg("seed"));
+  m.def("loso", &on_stack<rotavg::loso>, py::arg("matrices"));
+  m.def("loso_fast", &on_stack<rotavg::loso_fast>, py::arg("matrices"));
+  m.def("nearest_rotation", &on_stack<rotavg::nearest_rotation>, py::arg("matrices"));
+}
+
+}  // namespace rotavg_python

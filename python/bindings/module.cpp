@@ -1,0 +1,13 @@
+#include <pybind11/pybind11.h>
+
+#include <rotavg/version.hpp>
+
+#include "bindings.hpp"
+
+PYBIND11_MODULE(_core, m) {
+  m.doc() = "The C++ core of rotavg. Use the package `rotavg`, which checks and documents it.";
+  m.attr("__version__") = ROTAVG_VERSION;
+  rotavg_python::bind_graph(m);
+  rotavg_python::bind_solve(m);
+  rotavg_python::bind_certify(m);
+}

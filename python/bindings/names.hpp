@@ -1,0 +1,112 @@
+#pragma once
+
+// Enumerators <-> the names that Python sees.
+
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include <pybind11/pybind11.h>
+
+#include <rotavg/certify/certificate.hpp>
+#include <rotavg/solve/auto.hpp>
+
+namespace rotavg_python {
+
+namespace py = pybind11;
+
+template <typename Enum>
+struct Names;
+
+template <>
+struct Names<rotavg::Method> {
+  static constexpr const char* option = "method";
+  static constexpr std::pair<rotavg::Method, const char*> list[] = {
+      {rotavg::Method::automatic, "auto"},
+      {rotavg::Method::bcd, "bcd"},
+      {rotavg::Method::sum, "sum"}};
+};
+
+template <>
+struct Names<rotavg::Initialization> {
+  static constexpr const char* option = "init";
+  static constexpr std::pair<rotavg::Initialization, const char*> list[] = {
+      {rotavg::Initialization::automatic, "auto"},
+      {rotavg::Initialization::shortest_path, "shortest_path"},
+      {rotavg::Initialization::random, "random"}};
+};
+
+template <>
+struct Names<rotavg::MuRule> {
+  static constexpr const char* option = "mu";
+  static constexpr std::pair<rotavg::MuRule, const char*> list[] = {
+      {rotavg::MuRule::adaptive, "adaptive"}, {rotavg::MuRule::min_eigenvalue, "min_eigenvalue"}};
+};
+
+template <>
+struct Names<rotavg::StopRule> {
+  static constexpr const char* option = "stop";
+  static constexpr std::pair<rotavg::StopRule, const char*> list[] = {
+      {rotavg::StopRule::gradient, "gradient"}, {rotavg::StopRule::step, "step"}};
+};
+
+template <>
+struct Names<rotavg::Status> {
+  static constexpr std::pair<rotavg::Status, const char*> list[] = {
+      {rotavg::Status::not_run, "not_run"},
+      {rotavg::Status::gradient_converged, "gradient_converged"},
+      {rotavg::Status::step_converged, "step_converged"},
+      {rotavg::Status::iteration_limit, "iteration_limit"},
+      {rotavg::Status::time_limit, "time_limit"},
+      {rotavg::Status::stopped, "stopped"}};
+};
+
+template <>
+struct Names<rotavg::Verdict> {
+  static constexpr std::pair<rotavg::Verdict, const char*> list[] = {
+      {rotavg::Verdict::not_run, "not_run"},
+      {rotavg::Verdict::proved, "proved"},
+      {rotavg::Verdict::estimated, "estimated"},
+      {rotavg::Verdict::not_certified, "not_certified"}};
+};
+
+template <>
+struct Names<rotavg::CertificateMethod> {
+  static constexpr std::pair<rotavg::CertificateMethod, const char*> list[] = {
+      {rotavg::CertificateMethod::none, "none"},
+      {rotavg::CertificateMethod::factorization, "factorization"},
+      {rotavg::CertificateMethod::eigenvalue, "eigenvalue"}};
+};
+
+template <typename Enum>
+const char* name_of(Enum value) {
+  for (const auto& [enumerator, name] : Names<Enum>::list) {
+    if (enumerator == value) return name;
+  }
+  throw std::logic_error("an enumerator has no name");
+}
+
+/// @throws std::invalid_argument that lists the names there are
+template <typename Enum>
+Enum value_of(const std::string& name) {
+  std::string known;
+  for (const auto& [enumerator, candidate] : Names<Enum>::list) {
+    if (candidate == name) return enumerator;
+    known += known.empty() ? "" : ", ";
+    known += candidate;
+  }
+  throw std::invalid_argument(std::string("unknown ") + Names<Enum>::option + " '" + name +
+                              "'; expected one of: " + known);
+}
+
+inline py::dict certificate_dict(const rotavg::Certificate& certificate) {
+  py::dict result;
+  result["verdict"] = name_of(certificate.verdict);
+  result["method"] = name_of(certificate.method);
+  result["lambda_min"] = certificate.lambda_min;
+  result["gap"] = certificate.gap;
+  result["relative_gap"] = certificate.relative_gap;
+  return result;
+}
+
+}  // namespace rotavg_python

@@ -1,0 +1,111 @@
+#include <optional>
+
+#include <pybind11/functional.h>
+#include <pybind11/stl.h>
+
+#include <rotavg/solve/auto.hpp>
+
+#include "bindings.hpp"
+#include "convert.hpp"
+#include "interrupt.hpp"
+#include "names.hpp"
+
+namespace rotavg_python {
+namespace {
+
+py::dict trace_dict(const std::vector<rotavg::Progress>& trace) {
+  const auto column = [&](auto member) {
+    std::vector<double> values;
+    values.reserve(trace.size());
+    for (const rotavg::Progress& p : trace) values.push_back(p.*member);
+    return from_vector(values);
+  };
+  py::dict result;
+  result["objective"] = column(&rotavg::Progress::objective);
+  result["gradient_norm"] = column(&rotavg::Progress::gradient_norm);
+  result["relative_gradient"] = column(&rotavg::Progress::relative_gradient);
+  result["step"] = column(&rotavg::Progress::step);
+  result["seconds"] = column(&rotavg::Progress::seconds);
+  return result;
+}
+
+py::dict solution_dict(const rotavg::Solution& s) {
+  py::dict result;
+  result["rotations"] = from_rotations(s.rotations);
+  result["objective"] = s.objective;
+  result["gradient_norm"] = s.gradient_norm;
+  result["relative_gradient"] = s.relative_gradient;
+  result["status"] = name_of(s.status);
+  result["iterations"] = s.iterations;
+  result["trace"] = trace_dict(s.trace);
+  result["method"] = name_of(s.method);
+  result["init"] = name_of(s.init);
+  result["component"] = from_vector(s.components.label);
+  result["certificate"] = certificate_dict(s.certificate);
+  result["seconds"] = py::dict(py::arg("init") = s.timings.init, py::arg("solve") = s.timings.solve,
+                               py::arg("certify") = s.timings.certify);
+  return result;
+}
+
+py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
+               const std::string& init, const std::optional<DoubleArray>& start, std::uint64_t seed,
+               const std::string& mu, const std::string& stop, double tolerance, int max_iterations,
+               double time_limit, int num_threads, bool certify, double certificate_tolerance,
+               const std::optional<py::function>& callback) {
+  SignalCheck signals;
+  rotavg::SolveOptions options;
+  options.method = value_of<rotavg::Method>(method);
+  options.init = value_of<rotavg::Initialization>(init);
+  options.seed = seed;
+  options.mu = value_of<rotavg::MuRule>(mu);
+  options.certify = certify;
+  options.certificate.tolerance = certificate_tolerance;
+  options.iteration.stop = value_of<rotavg::StopRule>(stop);
+  options.iteration.tolerance = tolerance;
+  options.iteration.max_iterations = max_iterations;
+  options.iteration.time_limit = time_limit;
+  options.iteration.num_threads = num_threads;
+  options.iteration.keep_going = signals.keep_going();
+  if (callback) {
+    options.iteration.callback = [&callback](const rotavg::Progress& progress) {
+      const py::gil_scoped_acquire gil;
+      const py::object answer = (*callback)(progress);
+      return answer.is_none() || answer.cast<bool>();
+    };
+  }
+  std::optional<rotavg::Rotations> R;
+  if (start) R = to_rotations(*start, "init");
+  rotavg::Solution solution;
+  {
+    const py::gil_scoped_release release;
+    solution = rotavg::solve(graph, options, std::move(R));
+  }
+  signals.rethrow();
+  return solution_dict(solution);
+}
+
+}  // namespace
+
+void bind_solve(py::module_& m) {
+  using rotavg::Progress;
+  py::class_<Progress>(m, "Progress", "One iteration of a solver.")
+      .def_readonly("iteration", &Progress::iteration, "Iterations so far; 0 is the initial value.")
+      .def_readonly("objective", &Progress::objective, "f(R), equation (3).")
+      .def_readonly("gradient_norm", &Progress::gradient_norm, "Norm of the Riemannian gradient.")
+      .def_readonly("relative_gradient", &Progress::relative_gradient,
+                    "The gradient relative to the graph's scale, in radians.")
+      .def_readonly("step", &Progress::step, "The paper's relative step.")
+      .def_readonly("seconds", &Progress::seconds, "Seconds since the solver started.")
+      .def("__repr__", [](const Progress& p) {
+        return py::str(
+                   "Progress(iteration={}, objective={:.9g}, gradient_norm={:.3g}, "
+                   "step={:.3g}, seconds={:.3g})")
+            .format(p.iteration, p.objective, p.gradient_norm, p.step, p.seconds);
+      });
+  m.def("solve", &solve, py::arg("graph"), py::kw_only(), py::arg("method"), py::arg("init"),
+        py::arg("start"), py::arg("seed"), py::arg("mu"), py::arg("stop"), py::arg("tolerance"),
+        py::arg("max_iterations"), py::arg("time_limit"), py::arg("num_threads"),
+        py::arg("certify"), py::arg("certificate_tolerance"), py::arg("callback"));
+}
+
+}  // namespace rotavg_python

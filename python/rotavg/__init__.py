@@ -1,0 +1,57 @@
+"""Rotation averaging with a proof of optimality.
+
+A measurement graph of relative rotations goes in, absolute rotations with a certificate come out:
+
+    graph = rotavg.read("torus3D.g2o")
+    solution = rotavg.solve(graph)
+    print(solution)
+    rotavg.write("solved.g2o", solution)
+
+Convention (pose family): R_i is world_from_i, R_ij is i_from_j, and R_i R_ij = R_j.
+"""
+
+from rotavg._core import Progress, __version__
+from rotavg.errors import (
+    Error,
+    FileAccessError,
+    FormatError,
+    GraphError,
+    MissingExtraError,
+    OptionError,
+    SolverError,
+)
+from rotavg.graph import MeasurementGraph
+from rotavg.hardness import Hardness, hardness
+from rotavg.io import read, write
+from rotavg.simulate import Simulation, simulate
+from rotavg.solution import Certificate, Solution, Status, Timings, Trace, Verdict
+from rotavg.solve import certify, gradient, objective, solve
+
+__all__ = [
+    "Certificate",
+    "Error",
+    "FileAccessError",
+    "FormatError",
+    "GraphError",
+    "Hardness",
+    "MeasurementGraph",
+    "MissingExtraError",
+    "OptionError",
+    "Progress",
+    "Simulation",
+    "Solution",
+    "SolverError",
+    "Status",
+    "Timings",
+    "Trace",
+    "Verdict",
+    "__version__",
+    "certify",
+    "gradient",
+    "hardness",
+    "objective",
+    "read",
+    "simulate",
+    "solve",
+    "write",
+]

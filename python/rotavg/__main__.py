@@ -1,0 +1,5 @@
+"""`python -m rotavg`."""
+
+from rotavg.cli import main
+
+main()

@@ -1,0 +1,34 @@
+"""Checks of array arguments, in one place so that their errors read alike."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotavg.errors import GraphError
+
+Array = TypeVar("Array", bound="NDArray[Any]")
+
+
+def as_floats(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
+    """Copy of `values` as C-order float64 of exactly this shape; GraphError says what is wrong."""
+    try:
+        array = np.array(values, order="C")
+        if array.dtype.kind == "c":
+            raise GraphError(f"{what} are complex, expected real numbers")
+        array = array.astype(np.float64, copy=False)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, GraphError):
+            raise
+        raise GraphError(f"{what} are not an array of numbers: {error}") from error
+    if array.shape != shape:
+        raise GraphError(f"{what} have shape {array.shape}, expected {shape}")
+    return array
+
+
+def read_only(array: Array) -> Array:
+    """The same array, no longer writeable."""
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,16 @@
+"""The command `rotavg`."""
+
+from __future__ import annotations
+
+import sys
+
+
+def main() -> None:
+    """Run the command; needs the packages click and rich."""
+    try:
+        from rotavg.cli.main import run
+    except ModuleNotFoundError as error:
+        if error.name not in ("click", "rich"):
+            raise
+        sys.exit(f"rotavg: the command line needs {error.name}: pip install click rich")
+    run()

@@ -1,0 +1,39 @@
+"""`rotavg convert`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+import rotavg
+from rotavg.cli import options
+from rotavg.cli.output import print_json, print_notes
+from rotavg.io import check_writable
+
+
+@click.command()
+@click.argument("input_path", metavar="IN", type=options.PATH)
+@click.argument("output_path", metavar="OUT", type=options.PATH)
+@options.unit_weights
+@options.as_json
+def convert(input_path: Path, output_path: Path, unit_weights: bool, as_json: bool) -> None:
+    """Write the measurement graph in IN in the format that OUT's name tells.
+
+    \b
+    Example:
+      rotavg convert graph.g2o graph.csv
+    """
+    check_writable(output_path)
+    graph = rotavg.read(input_path, unit_weights=unit_weights)
+    rotavg.write(output_path, graph)
+    if as_json:
+        print_json({
+            "nodes": graph.num_nodes, "edges": graph.num_edges, "output": str(output_path),
+            "notes": list(graph.notes),
+        })  # fmt: skip
+    else:
+        print_notes(graph)
+        click.echo(
+            f"wrote {output_path}: {graph.num_nodes} nodes, {graph.num_edges} edges", err=True
+        )

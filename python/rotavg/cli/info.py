@@ -1,0 +1,106 @@
+"""`rotavg info`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+import rotavg
+from rotavg.cli import options
+from rotavg.cli.output import print_json, print_notes, print_table
+
+
+@click.command()
+@click.argument("input_path", metavar="INPUT", type=options.PATH)
+@options.unit_weights
+@options.as_json
+def info(input_path: Path, unit_weights: bool, as_json: bool) -> None:
+    """Tell what graph is in INPUT, and how hard it is to average.
+
+    \b
+    Example:
+      rotavg info graph.g2o
+    """
+    graph = rotavg.read(input_path, unit_weights=unit_weights)
+    measures = _measures(graph, rotavg.hardness(graph))
+    if as_json:
+        print_json({**measures, "notes": list(graph.notes)})
+        return
+    print_notes(graph)
+    print_table(_rows(measures))
+
+
+def _measures(graph: rotavg.MeasurementGraph, hardness: rotavg.Hardness) -> dict[str, Any]:
+    angles = np.degrees(hardness.cycle_angles)
+    lengths = hardness.cycle_lengths
+    cycles: dict[str, Any] = {
+        "independent": graph.num_edges - graph.num_nodes + len(hardness.component_sizes),
+        "examined": len(angles),
+    }
+    if len(angles) > 0:
+        cycles["length_median"] = float(np.median(lengths))
+        cycles["length_max"] = int(lengths.max())
+        for name, percent in (("median", 50), ("p90", 90), ("max", 100)):
+            cycles[f"error_{name}_deg"] = float(np.percentile(angles, percent))
+        cycles["noise_per_edge_deg"] = float(np.degrees(hardness.noise))
+    return {
+        "nodes": graph.num_nodes,
+        "edges": graph.num_edges,
+        "components": len(hardness.component_sizes),
+        "largest_component": int(hardness.component_sizes[0]),
+        "degree": {
+            "min": int(hardness.degrees.min()),
+            "median": float(np.median(hardness.degrees)),
+            "max": int(hardness.degrees.max()),
+        },
+        "weight": {"min": float(graph.weights.min()), "max": float(graph.weights.max())},
+        "algebraic_connectivity": hardness.algebraic_connectivity,
+        "cycles": cycles,
+    }
+
+
+def _rows(measures: dict[str, Any]) -> list[tuple[str, str]]:
+    degree, weight, cycles = measures["degree"], measures["weight"], measures["cycles"]
+    components = f"{measures['components']}"
+    if measures["components"] > 1:
+        components += f", the largest of {measures['largest_component']} nodes"
+    rows = [
+        ("nodes", f"{measures['nodes']}"),
+        ("edges", f"{measures['edges']}"),
+        ("components", components),
+        ("degree", f"{degree['min']} to {degree['max']}, median {degree['median']:g}"),
+        ("weight", f"{weight['min']:.3g} to {weight['max']:.3g}"),
+        (
+            "connectivity",
+            f"lambda_2 = {measures['algebraic_connectivity']:.3g} (weighted Laplacian"
+            + (", largest component)" if measures["components"] > 1 else ")")
+            + ": the smaller, the harder",
+        ),
+    ]
+    if cycles["examined"] == 0:
+        rows.append(("cycles", "none: a forest, every measurement is met exactly"))
+        return rows
+    examined = "" if cycles["examined"] == cycles["independent"] else (
+        f", {cycles['examined']} examined"
+    )  # fmt: skip
+    return [
+        *rows,
+        (
+            "cycles",
+            f"{cycles['independent']} independent{examined}, of {cycles['length_median']:g} edges "
+            f"(median), at most {cycles['length_max']}",
+        ),
+        (
+            "cycle errors",
+            f"median {cycles['error_median_deg']:.3g} deg, 90 % below "
+            f"{cycles['error_p90_deg']:.3g}, largest {cycles['error_max_deg']:.3g}",
+        ),
+        (
+            "noise",
+            f"about {cycles['noise_per_edge_deg']:.2g} deg an edge "
+            "(median of cycle error / sqrt(edges))",
+        ),
+    ]

@@ -1,0 +1,59 @@
+"""The command group and what all commands share: errors, exit statuses, interruption."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import click
+
+import rotavg
+from rotavg.cli.convert import convert
+from rotavg.cli.info import info
+from rotavg.cli.simulate import simulate
+from rotavg.cli.solve import solve
+
+INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+
+
+@click.group(
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Exit status: 0 solved (or done), 1 not solved, 2 bad input or usage.",
+)
+@click.version_option(rotavg.__version__, package_name="rotavg")
+def commands() -> None:
+    """Rotation averaging: absolute rotations from relative ones, with a proof of optimality.
+
+    \b
+    Examples:
+      rotavg simulate sphere -n 2500 --noise 0.1 -o sphere.g2o
+      rotavg info sphere.g2o
+      rotavg solve sphere.g2o -o solved.g2o
+    """
+
+
+for command in (solve, info, simulate, convert):
+    commands.add_command(command)
+
+
+def run() -> None:
+    """Run the command and exit with its status."""
+    try:
+        status = commands.main(prog_name="rotavg", standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as help_text:
+        help_text.show()
+        status = 2
+    except click.ClickException as error:
+        error.show()
+        status = error.exit_code
+    except rotavg.Error as error:
+        click.echo(f"Error: {error}", err=True)
+        status = 2
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("interrupted", err=True)
+        status = INTERRUPTED
+    except BrokenPipeError:
+        # The reader of a pipe has gone; keep Python from complaining when it closes stdout.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = 0
+    sys.exit(status)

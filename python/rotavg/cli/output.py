@@ -1,0 +1,70 @@
+"""What the commands print: one JSON object, a table, a line of progress."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, Callable, Optional
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+import rotavg
+
+Callback = Optional[Callable[[rotavg.Progress], None]]
+
+
+def print_json(value: dict[str, Any]) -> None:
+    """One JSON object on stdout; numbers that are not finite become null."""
+    click.echo(json.dumps(_finite(value), indent=2, allow_nan=False))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def print_table(rows: Iterable[tuple[str, str]]) -> None:
+    """Names and values on stdout."""
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    Console(highlight=False, soft_wrap=not sys.stdout.isatty()).print(table, markup=False)
+
+
+def print_notes(graph: rotavg.MeasurementGraph) -> None:
+    """What the reader wants its user to know, on stderr."""
+    for note in graph.notes:
+        click.echo(f"note: {note}", err=True)
+
+
+@contextmanager
+def progress() -> Iterator[Callback]:
+    """A callback that keeps one line of progress on stderr; None where that is no terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    with Console(stderr=True).status("starting") as line:
+        shown = 0.0
+
+        def show(p: rotavg.Progress) -> None:
+            nonlocal shown
+            if p.seconds - shown >= 0.1:
+                shown = p.seconds
+                line.update(
+                    f"iteration {p.iteration}, objective {p.objective:.9g}, "
+                    f"relative gradient {p.relative_gradient:.1e}, {p.seconds:.1f} s"
+                )
+
+        yield show

@@ -1,0 +1,108 @@
+"""`rotavg solve`."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+import rotavg
+from rotavg.cli import options
+from rotavg.cli.options import choice, number
+from rotavg.cli.output import print_json, print_notes, progress
+from rotavg.io import check_writable
+
+
+@click.command(
+    epilog="Exit status: 0 solved (certified, or converged with --no-certify), 1 not solved, "
+    "2 bad input or usage."
+)
+@click.argument("input_path", metavar="INPUT", type=options.PATH)
+@click.option("-o", "--output", type=options.PATH, help="Write a .g2o, .txt, .csv or .npz file.")
+@choice("--method", ["auto", "bcd", "sum"], "auto", "Solver.")
+@choice("--init", ["auto", "shortest_path", "random"], "auto", "Initial value.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of --init random.")
+@number("--tolerance", click.FloatRange(0), 1e-9, "Stop when the gradient (or step) is below this.")
+@choice("--stop", ["gradient", "step"], "gradient", "What to stop on; 'step' is the paper's rule.")
+@number("--max-iterations", click.IntRange(0, 2**31 - 1), 20000, "Limit on the number of sweeps.")
+@click.option(
+    "--time-limit", type=click.FloatRange(0), metavar="SECONDS", help="Limit on the work."
+)
+@click.option("--threads", type=click.IntRange(1, 4096), help="Number of threads.  [default: all]")
+@choice("--mu", ["adaptive", "min_eigenvalue"], "adaptive", "How --method sum chooses mu.")
+@click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
+@options.unit_weights
+@options.as_json
+def solve(
+    input_path: Path,
+    output: Path | None,
+    threads: int | None,
+    no_certify: bool,
+    unit_weights: bool,
+    as_json: bool,
+    **settings: Any,
+) -> None:
+    """Find the rotations that fit the relative rotations in INPUT best, and certify them.
+
+    \b
+    Examples:
+      rotavg solve graph.g2o -o solved.g2o
+      rotavg solve graph.txt --method sum --threads 4 --json
+    """
+    if output is not None:
+        check_writable(output)  # before the work, not after it
+    start = time.perf_counter()
+    graph = rotavg.read(input_path, unit_weights=unit_weights)
+    read_seconds = time.perf_counter() - start
+    if not as_json:
+        print_notes(graph)
+    with progress() as callback:
+        solution = rotavg.solve(
+            graph, num_threads=threads, certify=not no_certify, callback=callback, **settings
+        )
+    if output is not None:
+        rotavg.write(output, solution)
+    if as_json:
+        print_json(_summary(solution, read_seconds, time.perf_counter() - start))
+    else:
+        click.echo(str(solution))
+        if output is not None:
+            click.echo(f"wrote {output}", err=True)
+    sys.exit(0 if solution.solved else 1)
+
+
+def _summary(solution: rotavg.Solution, read: float, total: float) -> dict[str, Any]:
+    c = solution.certificate
+    return {
+        "nodes": solution.graph.num_nodes,
+        "edges": solution.graph.num_edges,
+        "components": solution.num_components,
+        "method": solution.method,
+        "init": solution.init,
+        "status": solution.status.name.lower(),
+        "solved": solution.solved,
+        "objective": solution.objective,
+        "gradient_norm": solution.gradient_norm,
+        "relative_gradient": solution.relative_gradient,
+        "iterations": solution.iterations,
+        "certificate": None
+        if c is None
+        else {
+            "verdict": c.verdict.value,
+            "lambda_min": c.lambda_min,
+            "gap": c.gap,
+            "relative_gap": c.relative_gap,
+            "method": c.method,
+        },
+        "notes": list(solution.graph.notes),
+        "seconds": {
+            "read": read,
+            "init": solution.timings.init,
+            "solve": solution.timings.solve,
+            "certify": solution.timings.certify,
+            "total": total,
+        },
+    }

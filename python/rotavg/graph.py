@@ -1,0 +1,274 @@
+"""The measurement graph: what was measured between which nodes, and how much it counts."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotavg import _core, conventions
+from rotavg.arrays import as_floats, read_only
+from rotavg.conventions import Convention, QuaternionOrder
+from rotavg.errors import GraphError
+from rotavg.ids import IdArray, as_edges, as_nodes, rows_of, unique_ids
+
+
+class Source(Protocol):
+    """What a reader keeps of its file, so that a writer can put back what is not a rotation."""
+
+    def select(self, edges: NDArray[np.bool_]) -> Source:
+        """The source of the graph that keeps the edges (m,) marked True."""
+        ...
+
+
+class MeasurementGraph:
+    """Relative rotations between nodes; immutable, every array is read-only.
+
+    Each edge (i, j) carries R_ij = i_from_j, which maps coordinates of j to coordinates of i, so
+    that R_i R_ij = R_j for R_i = world_from_i (pose family). Parallel edges add up, several
+    components are fine, an edge from a node to itself is not.
+
+    Args:
+        edges: (m, 2) node ids: 64-bit integers or names (str), not mixed.
+        rotations: (m, 3, 3) relative rotations; each is replaced by the nearest rotation, and
+            refused if it is further away from one than 1e-3.
+        weights: (m,) weights in [1e-100, 1e100]; 1 by default.
+        nodes: (n,) ids in the order that all results follow; may hold nodes without an edge. By
+            default the ids that occur, ascending.
+        convention: family of `rotations`: "pose" as above, or "vision" with R_ij = R_j R_i^T for
+            R_i = camera_from_world (COLMAP, GLOMAP, OpenCV), transposed on the way in.
+        source: what a reader kept of the file, for a writer of the same format.
+        notes: what a reader wants its user to know.
+
+    Attributes:
+        nodes: (n,) ids.
+        edges: (m, 2) ids.
+        indices: (m, 2) int32, the edges as rows of `nodes`.
+        rotations: (m, 3, 3) i_from_j, pose family.
+        weights: (m,).
+        source, notes: as given.
+
+    Raises:
+        GraphError: anything breaks these rules; its `edge` is the row of the edge to blame.
+    """
+
+    nodes: IdArray
+    edges: IdArray
+    indices: NDArray[np.int32]
+    rotations: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    source: Source | None
+    notes: tuple[str, ...]
+
+    def __init__(
+        self,
+        edges: ArrayLike,
+        rotations: ArrayLike,
+        weights: ArrayLike | None = None,
+        nodes: ArrayLike | None = None,
+        *,
+        convention: Convention = "pose",
+        source: Source | None = None,
+        notes: tuple[str, ...] = (),
+    ) -> None:
+        self.edges = read_only(as_edges(edges))
+        self.nodes = read_only(unique_ids(self.edges) if nodes is None else as_nodes(nodes))
+        self.indices = read_only(_indices(self.edges, self.nodes))
+        m = len(self.edges)
+        given = conventions.convert_family(as_floats(rotations, (m, 3, 3), "rotations"), convention)
+        weights = np.ones(m) if weights is None else as_floats(weights, (m,), "weights")
+        try:
+            self._core = _core.MeasurementGraph(
+                len(self.nodes), self.indices, np.ascontiguousarray(given), weights
+            )
+        except _core.InvalidEdge as error:
+            edge, reason = error.args
+            raise _edge_error(self.edges, edge, reason) from None
+        except ValueError as error:
+            raise GraphError(str(error)) from None
+        self.rotations = read_only(self._core.rotations)
+        self.weights = read_only(weights)
+        self.source = source
+        self.notes = notes
+
+    @classmethod
+    def from_quaternions(
+        cls,
+        edges: ArrayLike,
+        quaternions: ArrayLike,
+        weights: ArrayLike | None = None,
+        nodes: ArrayLike | None = None,
+        *,
+        order: QuaternionOrder = "xyzw",
+        **options: Any,
+    ) -> MeasurementGraph:
+        """Graph from relative rotations as Hamilton quaternions (m, 4), of any length but zero.
+
+        `order` is "xyzw" (SciPy, g2o, pycolmap) or "wxyz" (COLMAP's files, Eigen's constructor).
+        Everything else is as in the constructor.
+        """
+        if order not in ("xyzw", "wxyz"):
+            raise GraphError(f"order is {order!r}, expected 'xyzw' or 'wxyz'")
+        ids = as_edges(edges)
+        given = as_floats(quaternions, (len(ids), 4), "quaternions")
+        xyzw = given if order == "xyzw" else conventions.xyzw_from_wxyz(given)
+        bad = conventions.first_bad_quaternion(xyzw)
+        if bad is not None:
+            raise _edge_error(ids, *bad)
+        return cls(ids, conventions.matrices_from_quaternions(xyzw), weights, nodes, **options)
+
+    @classmethod
+    def from_rotvecs(
+        cls,
+        edges: ArrayLike,
+        rotvecs: ArrayLike,
+        weights: ArrayLike | None = None,
+        nodes: ArrayLike | None = None,
+        **options: Any,
+    ) -> MeasurementGraph:
+        """Graph from relative rotations as rotation vectors (m, 3): axis times angle in radians."""
+        ids = as_edges(edges)
+        given = as_floats(rotvecs, (len(ids), 3), "rotvecs")
+        finite = np.isfinite(given).all(axis=1)
+        if not finite.all():
+            k = int(np.argmin(finite))
+            reason = f"the rotation vector is {given[k].tolist()}, expected finite numbers"
+            raise _edge_error(ids, k, reason)
+        return cls(ids, conventions.matrices_from_rotvecs(given), weights, nodes, **options)
+
+    @classmethod
+    def from_scipy(
+        cls,
+        edges: ArrayLike,
+        rotations: Any,
+        weights: ArrayLike | None = None,
+        nodes: ArrayLike | None = None,
+        **options: Any,
+    ) -> MeasurementGraph:
+        """Graph from a `scipy.spatial.transform.Rotation` of m relative rotations."""
+        return cls(edges, rotations.as_matrix(), weights, nodes, **options)
+
+    @classmethod
+    def from_networkx(
+        cls,
+        graph: Any,
+        rotation: str = "rotation",
+        weight: str = "weight",
+        *,
+        convention: Convention = "pose",
+    ) -> MeasurementGraph:
+        """Graph from a `networkx.DiGraph` or `MultiDiGraph`; rows follow its order of nodes.
+
+        Each edge (i, j) has an attribute `rotation` that holds R_ij as a matrix (3, 3) or a
+        quaternion (4,) xyzw, and may have a `weight` (1 otherwise).
+        """
+        if not graph.is_directed():
+            raise GraphError(
+                "the networkx graph is undirected, so an edge {u, v} does not say whether its "
+                "rotation is u_from_v or v_from_u: expected a DiGraph or a MultiDiGraph"
+            )
+        edges = as_edges(list(graph.edges()))
+        matrices = np.empty((len(edges), 3, 3))
+        weights = []
+        for k, (_, _, attributes) in enumerate(graph.edges(data=True)):
+            if rotation not in attributes:
+                raise _edge_error(edges, k, f"it has no attribute {rotation!r}")
+            matrices[k] = _matrix(attributes[rotation], edges, k)
+            weights.append(attributes.get(weight, 1.0))
+        return cls(edges, matrices, weights, list(graph.nodes), convention=convention)
+
+    @property
+    def num_nodes(self) -> int:
+        """N."""
+        return len(self.nodes)
+
+    @property
+    def num_edges(self) -> int:
+        """M."""
+        return len(self.edges)
+
+    def components(self) -> NDArray[np.int32]:
+        """Label (n,) of each node's connected component, numbered by their first nodes."""
+        return np.asarray(_core.components(self._core), dtype=np.int32)
+
+    def largest_component(self) -> MeasurementGraph:
+        """The graph of the component with the most nodes (the first of equals)."""
+        label = self.components()
+        largest = int(np.argmax(np.bincount(label)))
+        return self if label.max() == 0 else self.subgraph(self.nodes[label == largest])
+
+    def subgraph(self, nodes: ArrayLike) -> MeasurementGraph:
+        """The graph of these nodes, in this order, and of the edges between them.
+
+        Raises GraphError for an unknown or repeated node, and where no edge is left.
+        """
+        kept = as_nodes(nodes)
+        rows = rows_of(kept, self.nodes)
+        if (rows < 0).any():
+            raise GraphError(f"node {kept[np.argmin(rows)].item()!r} is not in the graph")
+        chosen = np.zeros(self.num_nodes, dtype=np.bool_)
+        chosen[rows] = True
+        edges = chosen[self.indices[:, 0]] & chosen[self.indices[:, 1]]
+        if not edges.any():
+            raise GraphError(f"no edge joins two of the {len(kept)} nodes of the subgraph")
+        return MeasurementGraph(
+            self.edges[edges],
+            self.rotations[edges],
+            self.weights[edges],
+            self.nodes[rows],
+            source=None if self.source is None else self.source.select(edges),
+            notes=self.notes,
+        )
+
+    def with_weights(self, weights: ArrayLike) -> MeasurementGraph:
+        """The same graph with other weights (m,)."""
+        return MeasurementGraph(
+            self.edges, self.rotations, weights, self.nodes, source=self.source, notes=self.notes
+        )
+
+    def __repr__(self) -> str:
+        return f"MeasurementGraph({self.num_nodes} nodes, {self.num_edges} edges)"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuild, (
+            self.edges, self.rotations, self.weights, self.nodes, self.source, self.notes
+        )  # fmt: skip
+
+
+def _rebuild(
+    edges: IdArray,
+    rotations: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    nodes: IdArray,
+    source: Source | None,
+    notes: tuple[str, ...],
+) -> MeasurementGraph:
+    return MeasurementGraph(edges, rotations, weights, nodes, source=source, notes=notes)
+
+
+def _edge_error(edges: IdArray, edge: int, reason: str) -> GraphError:
+    i, j = edges[edge].tolist()
+    return GraphError(f"edge {edge} ({i!r} -> {j!r}): {reason}", edge=edge)
+
+
+def _indices(edges: IdArray, nodes: IdArray) -> NDArray[np.int32]:
+    rows = rows_of(edges, nodes)
+    if (rows < 0).any():
+        k, side = divmod(int(np.argmin(rows)), 2)
+        raise _edge_error(edges, k, f"node {edges[k, side].item()!r} is not among the given nodes")
+    return rows.astype(np.int32)
+
+
+def _matrix(value: Any, edges: IdArray, edge: int) -> NDArray[np.float64]:
+    """Rotation matrix of an edge attribute that holds a matrix or a quaternion."""
+    if np.shape(value) == (3, 3):
+        return as_floats(value, (3, 3), "rotations")
+    if np.shape(value) != (4,):
+        reason = f"its rotation has shape {np.shape(value)}, expected (3, 3) or (4,)"
+        raise _edge_error(edges, edge, reason)
+    quaternion = as_floats([value], (1, 4), "quaternions")
+    bad = conventions.first_bad_quaternion(quaternion)
+    if bad is not None:
+        raise _edge_error(edges, edge, bad[1])
+    return conventions.matrices_from_quaternions(quaternion).reshape(3, 3)

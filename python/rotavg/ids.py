@@ -1,0 +1,108 @@
+"""Node ids: 64-bit integers or names, never both in one graph, and never through a float."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotavg.errors import GraphError
+
+IdArray = NDArray[Any]  # int64; uint64 where an id needs it; or fixed-width str
+
+_FLOAT_HOLDS_INTEGERS_TO = 2.0**53
+
+
+def as_ids(values: ArrayLike, what: str) -> IdArray:
+    """Copy of `values` as an array of node ids of one kind; `what` names it in errors.
+
+    Raises GraphError for anything else than integers of 64 bits or names, and for a mixture.
+    """
+    try:
+        ids = np.array(values)
+        # Left alone, numpy makes floats of large integers and strings of a mixture.
+        if not isinstance(values, np.ndarray) and ids.dtype.kind not in "iu":
+            ids = np.array(values, dtype=object)
+    except (ValueError, TypeError) as error:  # ragged lists
+        raise GraphError(f"{what} are not an array of node ids: {error}") from error
+    if ids.dtype.kind == "O":
+        return _from_objects(ids, what)
+    if ids.dtype.kind == "f":
+        return _from_floats(ids, what)
+    if ids.dtype.kind == "u":
+        fits = ids.size == 0 or ids.max() <= np.iinfo(np.int64).max
+        return ids.astype(np.int64 if fits else np.uint64)
+    if ids.dtype.kind == "i":
+        return ids.astype(np.int64, copy=False)
+    if ids.dtype.kind == "U":
+        return ids
+    raise GraphError(f"{what} have dtype {ids.dtype}, expected integers or names (str)")
+
+
+def rows_of(ids: IdArray, nodes: IdArray) -> NDArray[np.int64]:
+    """Row in `nodes` of every id, -1 where there is none; same shape as `ids`."""
+    if nodes.dtype.kind == "U" or ids.dtype.kind == "U":
+        row = {node: k for k, node in enumerate(nodes.tolist())}
+        found = [row.get(node, -1) for node in ids.ravel().tolist()]
+        return np.array(found, dtype=np.int64).reshape(ids.shape)
+    if nodes.dtype != ids.dtype:  # int64 against uint64 would be compared as floats
+        return rows_of(ids.astype(object).astype(str), nodes.astype(object).astype(str))
+    order = np.argsort(nodes, kind="stable")
+    in_order = nodes[order]
+    place = np.minimum(np.searchsorted(in_order, ids), len(nodes) - 1)
+    return np.where(in_order[place] == ids, order[place], -1)
+
+
+def unique_ids(ids: IdArray) -> IdArray:
+    """The distinct ids in ascending order, shape (n,)."""
+    if ids.dtype.kind == "U":  # hashing beats sorting long strings
+        return np.array(sorted(set(ids.ravel().tolist())))
+    return np.unique(ids)
+
+
+def _from_objects(ids: NDArray[Any], what: str) -> IdArray:
+    flat = ids.ravel().tolist()
+    kinds = {type(value) for value in flat}
+    if all(issubclass(kind, str) for kind in kinds):
+        return ids.astype(np.str_)
+    if all(issubclass(kind, (int, np.integer)) and kind is not bool for kind in kinds):
+        low, high = int(min(flat)), int(max(flat))
+        for dtype in (np.int64, np.uint64):
+            if np.iinfo(dtype).min <= low and high <= np.iinfo(dtype).max:
+                return ids.astype(dtype)
+        raise GraphError(f"{what} run from {low} to {high}, expected integers of 64 bits")
+    if all(issubclass(kind, (float, int, np.number)) and kind is not bool for kind in kinds):
+        return _from_floats(ids.astype(np.float64), what)
+    names = ", ".join(sorted(kind.__name__ for kind in kinds))
+    raise GraphError(f"{what} hold values of type {names}, expected all integers or all str")
+
+
+def _from_floats(ids: NDArray[Any], what: str) -> IdArray:
+    exact = (np.floor(ids) == ids) & (np.abs(ids) <= _FLOAT_HOLDS_INTEGERS_TO)
+    if not exact.all():
+        found = ids[~exact].flat[0].item()
+        raise GraphError(f"{what} hold {found!r}, expected an integer (or a name)")
+    return ids.astype(np.int64)
+
+
+def as_edges(values: ArrayLike) -> IdArray:
+    """Copy of `values` as edges (m, 2) of node ids, m > 0; GraphError otherwise."""
+    edges = as_ids(values, "edges")
+    if edges.size == 0:
+        raise GraphError("the graph has no edges, expected at least one")
+    if edges.ndim != 2 or edges.shape[1] != 2:
+        raise GraphError(f"edges have shape {edges.shape}, expected (m, 2)")
+    return edges
+
+
+def as_nodes(values: ArrayLike) -> IdArray:
+    """Copy of `values` as distinct node ids (n,); GraphError otherwise."""
+    nodes = as_ids(values, "nodes")
+    if nodes.ndim != 1:
+        raise GraphError(f"nodes have shape {nodes.shape}, expected (n,)")
+    distinct, count = np.unique(nodes, return_counts=True)
+    if len(distinct) < len(nodes):
+        repeated = distinct[count > 1][0].item()
+        raise GraphError(f"node {repeated!r} is listed more than once")
+    return nodes

@@ -1,0 +1,9 @@
+"""Reading measurement graphs from files, writing graphs and solutions to them.
+
+A further format is one more file with a `Format` in it, listed in `formats.py`.
+"""
+
+from rotavg.io.formats import check_writable, read, write
+from rotavg.io.registry import Format
+
+__all__ = ["Format", "check_writable", "read", "write"]

@@ -1,0 +1,82 @@
+"""Files of lines with fields between white space; shared by the formats that are made so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg.errors import FormatError
+
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+
+
+def content_lines(path: Path, data: bytes) -> Iterator[tuple[int, bytes]]:
+    """(line number from 1, content) of every line that is neither blank nor a comment (#).
+
+    LF, CRLF and CR end a line. Raises FormatError for binary data.
+    """
+    zero = data.find(b"\0")
+    if zero >= 0:
+        line = data.count(b"\n", 0, zero) + 1
+        raise FormatError("the file is binary, expected lines of text", path=path, line=line)
+    for line, text in enumerate(data.removeprefix(BYTE_ORDER_MARK).splitlines(), start=1):
+        if b"#" in text:
+            text = text.partition(b"#")[0]
+        if text and not text.isspace():
+            yield line, text
+
+
+def number_table(
+    path: Path, rows: Sequence[bytes], lines: Sequence[int], columns: int
+) -> NDArray[np.float64]:
+    """The numbers (m, columns) in `rows`, none of them blank, read from these lines of the file.
+
+    Raises FormatError for the first row that has more or fewer, or something else than numbers.
+    """
+    try:
+        table = np.loadtxt(rows, dtype=np.float64, comments=None, ndmin=2)
+        if table.shape[1] == columns:
+            return table
+    except ValueError:
+        pass
+    for row, line in zip(rows, lines):  # something is wrong: look where
+        fields = row.split()
+        for field in fields:
+            if not is_number(field):
+                raise FormatError(f"found {shown(field)}, expected a number", path=path, line=line)
+        if len(fields) != columns:
+            found = f"found {len(fields)} numbers after the ids"
+            raise FormatError(f"{found}, expected {columns}", path=path, line=line)
+    raise FormatError("found something else than numbers between blanks", path=path)
+
+
+def check_finite(path: Path, table: NDArray[np.float64], lines: Sequence[int]) -> None:
+    """FormatError that names the line if a row of `table` (m, k) has NaN or an infinity in it."""
+    finite = np.isfinite(table).all(axis=1)
+    if not finite.all():
+        row = int(np.argmin(finite))
+        found = table[row][~np.isfinite(table[row])][0]
+        raise FormatError(f"found {found}, expected a finite number", path=path, line=lines[row])
+
+
+def is_number(field: bytes) -> bool:
+    """Whether this is a number to everyone (Python alone takes 1_000)."""
+    try:
+        float(field)
+    except ValueError:
+        return False
+    return b"_" not in field
+
+
+def shown(field: bytes) -> str:
+    """A field as it can be printed in a message, cut short if it is long."""
+    text = field.decode("utf-8", errors="replace")
+    return repr(text if len(text) <= 40 else text[:37] + "...")
+
+
+def exactly(row: NDArray[np.float64]) -> list[str]:
+    """Each number as the shortest text that reads back as the same double."""
+    return list(map(repr, row.tolist()))

@@ -1,0 +1,141 @@
+"""Measurement graphs with known ground truth, for tests, benchmarks and first steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg import topology
+from rotavg.conventions import matrices_from_quaternions, matrices_from_rotvecs
+from rotavg.errors import GraphError
+from rotavg.graph import MeasurementGraph
+
+KINDS = ("complete", "erdos_renyi", "cycle", "grid", "sphere", "band")
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A simulated measurement graph and what is true about it.
+
+    Attributes:
+        graph: nodes 0 ... n - 1, weights 1.
+        ground_truth: (n, 3, 3) world_from_node. Compare up to one rotation from the left.
+        is_outlier: (m,) whether the edge's rotation was drawn at random.
+        positions: (n, 3) of the nodes in the world; None for kinds without geometry.
+    """
+
+    graph: MeasurementGraph
+    ground_truth: NDArray[np.float64]
+    is_outlier: NDArray[np.bool_]
+    positions: NDArray[np.float64] | None
+
+
+def simulate(
+    kind: str,
+    n: int,
+    *,
+    noise: float = 0.0,
+    drop: float = 0.0,
+    density: float = 0.1,
+    outliers: float = 0.0,
+    loop_closures: float = 0.01,
+    seed: int = 0,
+) -> Simulation:
+    """Simulate a connected measurement graph; the same arguments give the same graph.
+
+    The noise is the paper's (Dong, Xie, Shi 2021, section 6): R_ij = R_i^T R_j exp(angle * axis)
+    with a uniformly random axis and angle ~ N(0, noise^2).
+
+    Args:
+        kind: "complete", "erdos_renyi", "cycle": uniformly random ground truth;
+            "grid": a cubic lattice walked to and fro, like smallGrid3D;
+            "sphere": a spiral from pole to pole with closures to the next turn, like sphere2500;
+            "band": each node joined to the next 9, with random loop closures instead of some.
+        n: number of nodes, at least 2 (3 for a cycle).
+        noise: standard deviation of the angle, radians.
+        drop: fraction of the edges to leave out, drawn uniformly from those that a random
+            spanning tree can spare: the graph stays connected.
+        density: of "erdos_renyi": the probability of each pair to be joined, plus the few random
+            edges that connect the graph.
+        outliers: fraction of the edges whose rotation is replaced by a uniformly random one.
+        loop_closures: of "band": fraction of the edges that join random nodes instead.
+        seed: of NumPy's PCG64.
+
+    Raises:
+        GraphError: an argument out of range, or more edges to drop than can be spared.
+    """
+    _check(kind, n, noise, seed)
+    for name, fraction in (
+        ("drop", drop),
+        ("density", density),
+        ("outliers", outliers),
+        ("loop_closures", loop_closures),
+    ):
+        if not 0 <= fraction <= 1:
+            raise GraphError(f"{name} is {fraction}, expected a fraction in [0, 1]")
+    rng = np.random.Generator(np.random.PCG64(seed))
+
+    positions = frames = None
+    if kind == "complete":
+        edges = topology.complete(n)
+    elif kind == "erdos_renyi":
+        edges = topology.erdos_renyi(n, density, rng)
+    elif kind == "cycle":
+        edges = topology.cycle(n)
+    elif kind == "band":
+        edges = topology.band(n, loop_closures, rng)
+    elif kind == "grid":
+        edges, positions, frames = topology.grid(n)
+    else:
+        edges, positions, frames = topology.sphere(n)
+
+    ground_truth = _random_rotations(n, rng) if frames is None else frames
+    if drop > 0:
+        edges = _dropped(n, edges, drop, rng)
+    m = len(edges)
+    rotations = np.swapaxes(ground_truth, 1, 2)[edges[:, 0]] @ ground_truth[edges[:, 1]]
+    if noise > 0:
+        rotations = rotations @ _random_noise(m, noise, rng)
+    is_outlier = np.zeros(m, dtype=np.bool_)
+    is_outlier[rng.choice(m, size=round(outliers * m), replace=False)] = True
+    rotations[is_outlier] = _random_rotations(int(is_outlier.sum()), rng)
+    graph = MeasurementGraph(edges, rotations, nodes=np.arange(n))
+    return Simulation(graph, ground_truth, is_outlier, positions)
+
+
+def _check(kind: str, n: int, noise: float, seed: int) -> None:
+    if kind not in KINDS:
+        raise GraphError(f"unknown kind {kind!r}, expected one of {', '.join(KINDS)}")
+    smallest = 3 if kind == "cycle" else 2
+    if not isinstance(n, (int, np.integer)) or n < smallest:
+        raise GraphError(f"n is {n!r}, expected an integer of at least {smallest} for {kind!r}")
+    if not 0 <= noise < np.inf:
+        raise GraphError(f"noise is {noise}, expected a standard deviation in radians, >= 0")
+    if not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise GraphError(f"seed is {seed!r}, expected an integer >= 0")
+
+
+def _dropped(
+    n: int, edges: NDArray[np.int64], drop: float, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    spare = np.flatnonzero(~topology.spanning_forest(n, edges, rng)[0])
+    count = round(drop * len(edges))
+    if count > len(spare):
+        raise GraphError(
+            f"drop is {drop}, which is {count} of {len(edges)} edges, "
+            f"expected at most the {len(spare)} that can go without disconnecting the graph"
+        )
+    return np.delete(edges, rng.choice(spare, size=count, replace=False), axis=0)
+
+
+def _random_rotations(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Uniform (Haar) on SO(3): the direction of a Gaussian quaternion is uniform."""
+    return matrices_from_quaternions(rng.standard_normal((count, 4)))
+
+
+def _random_noise(count: int, angle: float, rng: np.random.Generator) -> NDArray[np.float64]:
+    axes = rng.standard_normal((count, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    return matrices_from_rotvecs(rng.normal(0.0, angle, size=(count, 1)) * axes)

@@ -1,0 +1,220 @@
+"""What solving gives back: rotations, how they were found, and how good they are known to be."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg import _core, conventions
+from rotavg.arrays import read_only
+
+if TYPE_CHECKING:
+    from rotavg.graph import MeasurementGraph
+
+
+class Status(enum.Enum):
+    """How the solver ended; the value is the sentence that `print` shows."""
+
+    GRADIENT_CONVERGED = "converged: the gradient is below the tolerance"
+    STEP_CONVERGED = "converged by the paper's rule: the step is below the tolerance"
+    ITERATION_LIMIT = "stopped early, at the iteration limit"
+    TIME_LIMIT = "stopped early, at the time limit"
+    STOPPED = "stopped early, by the callback"
+
+    @property
+    def converged(self) -> bool:
+        """Whether the stopping rule was met."""
+        return self in (Status.GRADIENT_CONVERGED, Status.STEP_CONVERGED)
+
+    def __str__(self) -> str:
+        return self.value
+
+
+class Verdict(str, enum.Enum):
+    """What is known of global optimality; compares equal to its name."""
+
+    PROVED = "proved"
+    ESTIMATED = "estimated"
+    NOT_CERTIFIED = "not_certified"
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        return {
+            Verdict.PROVED: "proved globally optimal",
+            Verdict.ESTIMATED: "globally optimal by an eigenvalue estimate, not a proof",
+            Verdict.NOT_CERTIFIED: "not certified: a better answer may exist",
+        }[self]
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """How far the objective can be from the global optimum.
+
+    Source: Theorem 1 of Dong, Xie and Shi (2021), extended by a bound that holds at any rotations,
+    stationary or not.
+
+    Attributes:
+        verdict: "proved" or "estimated" where `relative_gap` is below the tolerance.
+        lambda_min: smallest eigenvalue of Lambda - Rt, Lambda symmetrised; zero to rounding at the
+            optimum, negative where the rotations are refuted, NaN where the work was stopped.
+        gap: bound on f(R) - f*, where f* is the global optimum. Rounding is included.
+        relative_gap: gap / max(f(R), 1e-6 sum of weights).
+        method: "factorization" (a proof), "eigenvalue" (an estimate) or "none" (was stopped).
+    """
+
+    verdict: Verdict
+    lambda_min: float
+    gap: float
+    relative_gap: float
+    method: str
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The course of the iteration, (k + 1,) arrays: the initial value, then k iterations.
+
+    Attributes:
+        objective: f, equation (3).
+        gradient_norm: Euclidean norm of the gradient over all nodes, per radian.
+        relative_gradient: degree-weighted RMS of |gradient of node i| / degree of i, in radians.
+        step: the paper's relative step.
+        seconds: since the solver started.
+    """
+
+    objective: NDArray[np.float64]
+    gradient_norm: NDArray[np.float64]
+    relative_gradient: NDArray[np.float64]
+    step: NDArray[np.float64]
+    seconds: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.objective)
+
+
+@dataclass(frozen=True)
+class Timings:
+    """Wall-clock seconds."""
+
+    init: float
+    solve: float
+    certify: float
+
+    @property
+    def total(self) -> float:
+        """All three together."""
+        return self.init + self.solve + self.certify
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Absolute rotations for a measurement graph.
+
+    Every figure is evaluated at `rotations`.
+
+    Attributes:
+        graph: what was solved.
+        rotations: (n, 3, 3) world_from_node, rows as in `graph.nodes`; the first node of every
+            component has the identity.
+        objective: f = sum of w |R_i R_ij - R_j|_F^2, equation (3).
+        gradient_norm: Euclidean norm of the gradient, per radian.
+        relative_gradient: degree-weighted RMS of |gradient of node i| / degree of i, in radians:
+            what the default stopping rule looks at.
+        status: how the solver ended.
+        iterations: sweeps over all nodes.
+        method: the method that was used.
+        init: where it started: the name of an initial value, or "given".
+        trace: the course of the iteration.
+        timings: wall-clock seconds.
+        certificate: how good the answer is known to be; None if it was not asked for.
+        component: (n,) label of each node's connected component.
+    """
+
+    graph: MeasurementGraph
+    rotations: NDArray[np.float64]
+    objective: float
+    gradient_norm: float
+    relative_gradient: float
+    status: Status
+    iterations: int
+    method: str
+    init: str
+    trace: Trace
+    timings: Timings
+    certificate: Certificate | None
+    component: NDArray[np.int32]
+
+    @cached_property
+    def quaternions(self) -> NDArray[np.float64]:
+        """(n, 4) Hamilton quaternions xyzw, w >= 0."""
+        return read_only(conventions.quaternions_from_matrices(self.rotations))
+
+    @cached_property
+    def residual_angles(self) -> NDArray[np.float64]:
+        """(m,) angle between R_i R_ij and R_j of every edge, radians."""
+        return read_only(_core.residual_angles(self.graph._core, self.rotations))
+
+    @property
+    def edge_weights(self) -> NDArray[np.float64]:
+        """(m,) weights that the edges had in the objective."""
+        return self.graph.weights
+
+    @property
+    def solved(self) -> bool:
+        """Whether the answer is certified; converged, if no certificate was asked for."""
+        if self.certificate is None:
+            return self.status.converged
+        return self.certificate.verdict != Verdict.NOT_CERTIFIED
+
+    @property
+    def num_components(self) -> int:
+        """Number of connected components."""
+        return int(self.component.max()) + 1
+
+    def __str__(self) -> str:
+        n, m = self.graph.num_nodes, self.graph.num_edges
+        head = "Solved" if self.solved else "Not solved:"
+        lines = [f"{head} {n} rotations from {m} relative rotations, {self.timings.total:.3g} s"]
+        lines += [f"  {name:<12}{text}" for name, text in self._rows()]
+        return "\n".join(lines)
+
+    def _rows(self) -> list[tuple[str, str]]:
+        degrees = np.degrees(self.residual_angles)
+        median, high = np.percentile(degrees, [50, 95])
+        rows = [("status", str(self.status))]
+        if self.certificate is None:
+            rows.append(("verdict", "not asked for"))
+        else:
+            c = self.certificate
+            rows += [
+                ("verdict", c.verdict.sentence),
+                ("gap", f"at most {c.gap:.2g}, relative to the objective {c.relative_gap:.2g}"),
+                ("lambda_min", f"{c.lambda_min:.2g}"),
+            ]
+        rows += [
+            ("objective", f"{self.objective:.12g}"),
+            (
+                "residuals",
+                f"median {median:.3g} deg, 95 % below {high:.3g}, largest {degrees.max():.3g}",
+            ),
+            ("gradient", f"{self.gradient_norm:.2g}, relative {self.relative_gradient:.2g}"),
+            ("method", f"{self.method} from {self.init}, {self.iterations} iterations"),
+        ]
+        if self.num_components > 1:
+            rows.append(("components", f"{self.num_components}, each with a gauge of its own"))
+        return rows
+
+    def __repr__(self) -> str:
+        verdict = "no certificate" if self.certificate is None else str(self.certificate.verdict)
+        return (
+            f"Solution({self.graph.num_nodes} rotations, objective {self.objective:.9g}, "
+            f"{self.status.name.lower()}, {verdict})"
+        )

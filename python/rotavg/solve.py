@@ -1,0 +1,204 @@
+"""The main job: absolute rotations from relative ones, and a certificate for any rotations."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from typing import Any, Literal, TypeVar, Union
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotavg import _core
+from rotavg.arrays import as_floats, read_only
+from rotavg.errors import GraphError, OptionError
+from rotavg.graph import MeasurementGraph
+from rotavg.solution import Certificate, Solution, Status, Timings, Trace, Verdict
+
+Method = Literal["auto", "bcd", "sum"]
+Init = Literal["auto", "shortest_path", "random"]
+Stop = Literal["gradient", "step"]
+Mu = Literal["adaptive", "min_eigenvalue"]
+Progress = _core.Progress
+Callback = Callable[[Progress], Union[bool, None]]
+
+_Result = TypeVar("_Result")
+
+
+def solve(
+    graph: MeasurementGraph,
+    *,
+    method: Method = "auto",
+    init: Init | ArrayLike = "auto",
+    certify: bool = True,
+    tolerance: float = 1e-9,
+    stop: Stop = "gradient",
+    max_iterations: int = 20000,
+    time_limit: float | None = None,
+    num_threads: int | None = None,
+    callback: Callback | None = None,
+    mu: Mu = "adaptive",
+    seed: int = 0,
+    certificate_tolerance: float = 1e-6,
+) -> Solution:
+    """Find the rotations that minimise sum of w |R_i R_ij - R_j|_F^2, and certify them.
+
+    Args:
+        graph: the measurements.
+        method: "bcd" (block coordinate descent, Algorithm 2 of Dong, Xie and Shi 2021), "sum"
+            (successive upper-bound minimisation, Algorithm 3, parallel), or "auto".
+        init: the initial value: "shortest_path" (Lemma 3), "random", "auto", or rotations
+            (n, 3, 3) world_from_node to start from.
+        certify: whether to bound the distance from the global optimum.
+        tolerance: when to stop, see `stop`.
+        stop: "gradient" stops when the relative gradient (radians) is below the tolerance;
+            "step" when the paper's relative step is. Of badly conditioned graphs the step says
+            little.
+        max_iterations: limit on the number of sweeps.
+        time_limit: limit in seconds on everything together; None for no limit.
+        num_threads: None for all processors. The result has the same bits for any number.
+        callback: called after every iteration with a `Progress`; returning False stops.
+        mu: how "sum" chooses mu: "adaptive", or "min_eigenvalue" as the paper prints it.
+        seed: of the "random" initial value.
+        certificate_tolerance: the largest relative gap that is called optimal.
+
+    Returns:
+        A Solution. That an iteration or time limit was hit is told by its `status`, not raised.
+
+    Raises:
+        OptionError: an option that does not exist or is out of range.
+        GraphError: initial rotations that are not rotations.
+        KeyboardInterrupt: on Ctrl-C, within a fraction of a second.
+    """
+    start = None
+    if not isinstance(init, str):
+        start = _node_rotations(graph, init, "init")
+    core = _call_core(
+        graph,
+        _core.solve,
+        method=method,
+        init=init if isinstance(init, str) else "auto",
+        start=start,
+        seed=_whole("seed", seed, 0, 2**64 - 1),
+        mu=mu,
+        stop=stop,
+        tolerance=_nonnegative("tolerance", tolerance),
+        max_iterations=_whole("max_iterations", max_iterations, 0, 2**31 - 1),
+        time_limit=_time_limit(time_limit),
+        num_threads=_num_threads(num_threads),
+        certify=bool(certify),
+        certificate_tolerance=_nonnegative("certificate_tolerance", certificate_tolerance),
+        callback=callback,
+    )
+    return Solution(
+        graph=graph,
+        rotations=read_only(core["rotations"]),
+        objective=core["objective"],
+        gradient_norm=core["gradient_norm"],
+        relative_gradient=core["relative_gradient"],
+        status=Status[core["status"].upper()],
+        iterations=core["iterations"],
+        method=core["method"],
+        init=core["init"] if start is None else "given",
+        trace=Trace(**{name: read_only(values) for name, values in core["trace"].items()}),
+        timings=Timings(**core["seconds"]),
+        certificate=_certificate(core["certificate"]),
+        component=read_only(core["component"]),
+    )
+
+
+def certify(
+    graph: MeasurementGraph,
+    rotations: ArrayLike,
+    *,
+    tolerance: float = 1e-6,
+    time_limit: float | None = None,
+    num_threads: int | None = None,
+) -> Certificate:
+    """Bound how far any rotations are from the global optimum, whoever found them.
+
+    Args:
+        graph: the measurements.
+        rotations: (n, 3, 3) world_from_node, rows as in `graph.nodes`. They need not be stationary.
+        tolerance: the largest relative gap that is called optimal.
+        time_limit: limit in seconds; the verdict is "not_certified" where it is hit.
+        num_threads: None for all processors.
+
+    Raises:
+        GraphError: if these are not n rotations.
+        OptionError: for an option out of range.
+    """
+    certificate = _certificate(
+        _call_core(
+            graph,
+            _core.certify,
+            _node_rotations(graph, rotations, "rotations"),
+            tolerance=_nonnegative("tolerance", tolerance),
+            time_limit=_time_limit(time_limit),
+            num_threads=_num_threads(num_threads),
+        )
+    )
+    assert certificate is not None
+    return certificate
+
+
+def objective(graph: MeasurementGraph, rotations: ArrayLike) -> float:
+    """Objective (3), sum of w |R_i R_ij - R_j|_F^2, at rotations (n, 3, 3) world_from_node."""
+    return _call_core(graph, _core.objective, _node_rotations(graph, rotations, "rotations"))
+
+
+def gradient(graph: MeasurementGraph, rotations: ArrayLike) -> NDArray[np.float64]:
+    """Riemannian gradient (n, 3) of the objective (3) at rotations (n, 3, 3) world_from_node.
+
+    Row i is the derivative along R_i <- exp([w]) R_i with respect to w (radians) at w = 0.
+    """
+    return _call_core(graph, _core.gradient, _node_rotations(graph, rotations, "rotations"))
+
+
+def _certificate(core: dict[str, Any]) -> Certificate | None:
+    if core["verdict"] == "not_run":
+        return None
+    return Certificate(**{**core, "verdict": Verdict(core["verdict"])})
+
+
+def _call_core(
+    graph: MeasurementGraph, function: Callable[..., _Result], *args: Any, **options: Any
+) -> _Result:
+    """Call the core for a graph; it refuses matrices that are no rotations, and unknown options."""
+    try:
+        return function(graph._core, *args, **options)
+    except _core.InvalidRotation as error:
+        node, reason = error.args
+        raise GraphError(f"the matrix of node {graph.nodes[node].item()!r} {reason}") from None
+    except ValueError as error:
+        raise OptionError(str(error)) from None
+
+
+def _node_rotations(
+    graph: MeasurementGraph, rotations: ArrayLike, name: str
+) -> NDArray[np.float64]:
+    return as_floats(rotations, (graph.num_nodes, 3, 3), name)
+
+
+def _nonnegative(name: str, value: float) -> float:
+    if not (isinstance(value, (int, float, np.number)) and value >= 0):
+        raise OptionError(f"{name} is {value!r}; expected a number that is not negative")
+    return float(value)
+
+
+def _time_limit(value: float | None) -> float:
+    return math.inf if value is None else _nonnegative("time_limit", value)
+
+
+def _whole(name: str, value: int, low: int, high: int) -> int:
+    if not (isinstance(value, (int, np.integer)) and low <= value <= high):
+        raise OptionError(f"{name} is {value!r}; expected a whole number from {low} to {high}")
+    return int(value)
+
+
+def _num_threads(value: int | None) -> int:
+    if value is not None:
+        return _whole("num_threads", value, 1, 4096)
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else (os.cpu_count() or 1)

@@ -1,0 +1,2 @@
+// That this program compiled and linked is the test.
+int main() { return 0; }

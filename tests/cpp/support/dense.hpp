@@ -1,0 +1,52 @@
+#pragma once
+
+#include <Eigen/Core>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/linalg/cholesky.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg::test {
+
+/// The paper's Rt (4), 3n x 3n, straight from its definition.
+inline Eigen::MatrixXd dense_measurements(const MeasurementGraph& graph) {
+  const Eigen::Index size = 3 * graph.num_nodes();
+  Eigen::MatrixXd Rt = Eigen::MatrixXd::Zero(size, size);
+  for (const Edge& e : graph.edges()) {
+    Rt.block<3, 3>(3 * e.i, 3 * e.j) += e.weight * e.i_from_j;
+    Rt.block<3, 3>(3 * e.j, 3 * e.i) += e.weight * e.i_from_j.transpose();
+  }
+  return Rt;
+}
+
+/// R = [R_1 … R_n], 3 x 3n.
+inline Eigen::MatrixXd stacked(const Rotations& R) {
+  Eigen::MatrixXd side_by_side(3, 3 * static_cast<Eigen::Index>(R.size()));
+  for (std::size_t i = 0; i < R.size(); ++i) {
+    side_by_side.middleCols<3>(3 * static_cast<Eigen::Index>(i)) = R[i];
+  }
+  return side_by_side;
+}
+
+/// S = Lambda - Rt (5), Lambda symmetrised block by block.
+inline Eigen::MatrixXd dense_certificate_matrix(const MeasurementGraph& graph, const Rotations& R) {
+  const Eigen::MatrixXd Rt = dense_measurements(graph);
+  const Eigen::MatrixXd sums = Rt * stacked(R).transpose();  // block i: sum_j Rt_ij R_j^T
+  Eigen::MatrixXd S = -Rt;
+  for (Eigen::Index i = 0; i < graph.num_nodes(); ++i) {
+    const Matrix3 M = sums.middleRows<3>(3 * i) * R[static_cast<std::size_t>(i)];
+    S.block<3, 3>(3 * i, 3 * i) += 0.5 * (M + M.transpose());
+  }
+  return S;
+}
+
+/// Rising. (Compiled once, as it takes the compiler seconds.)
+Eigen::VectorXd dense_eigenvalues(const Eigen::MatrixXd& symmetric);
+
+inline SparseSymmetric sparse_lower(const Eigen::MatrixXd& symmetric) {
+  SparseSymmetric lower = symmetric.triangularView<Eigen::Lower>().toDenseMatrix().sparseView();
+  lower.makeCompressed();
+  return lower;
+}
+
+}  // namespace rotavg::test

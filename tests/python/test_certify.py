@@ -1,0 +1,126 @@
+"""The certificate: true bounds, and wrong answers refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import rotavg
+
+Array = NDArray[np.float64]
+
+
+def dense_certificate_matrix(graph: rotavg.MeasurementGraph, R: Array) -> Array:
+    """S = Lambda - Rt of Theorem 1, block by block from the definition, Lambda symmetrised."""
+    n = graph.num_nodes
+    Rt = np.zeros((n, n, 3, 3))
+    for (i, j), R_ij, w in zip(graph.indices, graph.rotations, graph.weights):
+        Rt[i, j] += w * R_ij
+        Rt[j, i] += w * R_ij.T
+    S = -Rt.transpose(0, 2, 1, 3).reshape(3 * n, 3 * n)
+    for i in range(n):
+        block = sum(Rt[i, j] @ R[j].T @ R[i] for j in range(n))
+        S[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] += 0.5 * (block + block.T)
+    return S
+
+
+def turned(R: Array, angle: float, rng: np.random.Generator) -> Array:
+    """Every rotation turned by about `angle` radians."""
+    from rotavg.conventions import matrices_from_rotvecs
+
+    return matrices_from_rotvecs(angle * rng.standard_normal((len(R), 3))) @ R
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_lambda_min_and_gap_agree_with_a_dense_eigendecomposition(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 15))
+    graph = rotavg.simulate(
+        "erdos_renyi", n, density=0.6, noise=float(rng.uniform(0, 1)), seed=seed
+    ).graph
+    graph = graph.with_weights(10 ** rng.uniform(-1, 1, graph.num_edges))
+    optimum = rotavg.solve(graph)
+    for angle in (0.0, 1e-6, 1e-3, 0.3, 3.0):
+        R = optimum.rotations if angle == 0 else turned(optimum.rotations, angle, rng)
+        certificate = rotavg.certify(graph, R)
+        eigenvalues = np.linalg.eigvalsh(dense_certificate_matrix(graph, R))
+        scale = np.abs(eigenvalues).max()
+        assert certificate.lambda_min == pytest.approx(eigenvalues[0], abs=1e-9 * scale), angle
+        # The gap is never better than the truth, and never worse than the plain bound.
+        f = rotavg.objective(graph, R)
+        assert f - certificate.gap <= optimum.objective * (1 + 1e-9) + 1e-12
+        plain = 3 * n * max(0.0, -eigenvalues[0])
+        assert certificate.gap <= 1.01 * plain + 1e-9 * scale
+        assert (certificate.verdict == "proved") == (certificate.relative_gap <= 1e-6)
+
+
+def test_a_full_extra_twist_around_a_cycle_is_refuted() -> None:
+    # n = 20 identical frames, measured without noise; turning each by 2 pi / n more than the last
+    # closes the cycle again. All residuals are alike, so the gradient is zero: a local minimum.
+    n = 20
+    edges = [(i, (i + 1) % n) for i in range(n)]
+    graph = rotavg.MeasurementGraph(edges, np.tile(np.eye(3), (n, 1, 1)))
+    angle = 2 * np.pi / n * np.arange(n)
+    twisted = np.tile(np.eye(3), (n, 1, 1))
+    twisted[:, 0, 0] = twisted[:, 1, 1] = np.cos(angle)
+    twisted[:, 1, 0], twisted[:, 0, 1] = np.sin(angle), -np.sin(angle)
+    assert np.abs(rotavg.gradient(graph, twisted)).max() < 1e-14
+
+    certificate = rotavg.certify(graph, twisted)
+    assert certificate.verdict == "not_certified"
+    eigenvalue = np.linalg.eigvalsh(dense_certificate_matrix(graph, twisted))[0]
+    assert eigenvalue < -0.05
+    assert certificate.lambda_min == pytest.approx(eigenvalue, rel=1e-9)
+    assert certificate.gap >= rotavg.objective(graph, twisted) * (1 - 1e-12)
+
+    # A descent method stays there, and says that the answer is not certified.
+    stuck = rotavg.solve(graph, init=twisted)
+    assert stuck.status.converged
+    assert not stuck.solved
+    assert "not certified" in str(stuck)
+    assert rotavg.solve(graph).certificate.verdict == "proved"  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("distance", [1e-2, 1e-3, 1e-4])
+def test_points_near_the_optimum_are_not_proved_beyond_the_tolerance(distance: float) -> None:
+    rng = np.random.default_rng(1)
+    graph = rotavg.simulate("sphere", 400, noise=0.1, seed=1).graph
+    optimum = rotavg.solve(graph)
+    R = turned(optimum.rotations, distance, rng)
+    excess = rotavg.objective(graph, R) - optimum.objective
+    certificate = rotavg.certify(graph, R)
+    assert certificate.gap >= excess
+    if excess > 1e-6 * optimum.objective:
+        assert certificate.verdict == "not_certified"
+
+
+def test_the_tolerance_is_the_users() -> None:
+    graph = rotavg.simulate("sphere", 400, noise=0.1, seed=1).graph
+    early = rotavg.solve(graph, max_iterations=60)
+    assert early.certificate is not None
+    gap = early.certificate.relative_gap
+    assert rotavg.certify(graph, early.rotations, tolerance=1.01 * gap).verdict == "proved"
+    assert rotavg.certify(graph, early.rotations, tolerance=0.99 * gap).verdict == "not_certified"
+
+
+def test_the_certificate_does_not_depend_on_the_gauge_or_on_who_found_the_rotations() -> None:
+    simulation = rotavg.simulate("complete", 15, noise=0.3, seed=3)
+    R = rotavg.solve(simulation.graph).rotations
+    assert rotavg.certify(simulation.graph, simulation.ground_truth[4] @ R).verdict == "proved"
+    assert rotavg.certify(simulation.graph, simulation.ground_truth).verdict == "not_certified"
+
+
+def test_a_time_limit_leaves_the_verdict_open() -> None:
+    graph = rotavg.simulate("sphere", 900, noise=0.1, seed=1).graph
+    R = rotavg.solve(graph, certify=False).rotations
+    certificate = rotavg.certify(graph, R, time_limit=0.0)
+    assert certificate.verdict == "not_certified"
+    assert np.isnan(certificate.lambda_min)
+    assert certificate.gap == pytest.approx(rotavg.objective(graph, R), rel=1e-12)
+
+
+def test_what_is_not_a_rotation_is_refused() -> None:
+    graph = rotavg.simulate("cycle", 4).graph
+    with pytest.raises(rotavg.GraphError, match="node 0 is not a rotation"):
+        rotavg.certify(graph, -np.tile(np.eye(3), (4, 1, 1)))

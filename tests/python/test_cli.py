@@ -1,0 +1,162 @@
+"""The command `rotavg`, as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rotavg
+
+
+def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "rotavg", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        check=False,
+    )
+
+
+@pytest.fixture
+def graph_file(tmp_path: Path) -> Path:
+    path = tmp_path / "graph.g2o"
+    rotavg.write(path, rotavg.simulate("sphere", 100, noise=0.1, seed=1).graph)
+    return path
+
+
+def test_solve_prints_a_report_and_writes_the_solution(graph_file: Path, tmp_path: Path) -> None:
+    output = tmp_path / "solved.g2o"
+    done = run("solve", graph_file, "-o", output)
+    assert done.returncode == 0
+    assert "proved globally optimal" in done.stdout
+    assert output.read_text().count("VERTEX_SE3:QUAT") == 100
+
+
+def test_solve_prints_one_json_object(graph_file: Path) -> None:
+    done = run("solve", graph_file, "--json", "--threads", "1")
+    assert done.returncode == 0
+    assert done.stderr == ""
+    result = json.loads(done.stdout)
+    assert result["nodes"] == 100
+    assert result["components"] == 1
+    assert result["status"] == "gradient_converged"
+    assert set(result["certificate"]) == {
+        "verdict", "lambda_min", "gap", "relative_gap", "method",
+    }  # fmt: skip
+    assert set(result["seconds"]) == {"read", "init", "solve", "certify", "total"}
+    expected = rotavg.solve(rotavg.read(graph_file))
+    assert result["objective"] == expected.objective
+    assert result["iterations"] == expected.iterations
+
+
+def test_not_solved_is_exit_status_1(graph_file: Path) -> None:
+    done = run("solve", graph_file, "--max-iterations", "2", "--json")
+    assert done.returncode == 1
+    result = json.loads(done.stdout)
+    assert result["status"] == "iteration_limit"
+    assert result["solved"] is False
+    done = run("solve", graph_file, "--max-iterations", "2")
+    assert done.returncode == 1
+    assert "Not solved" in done.stdout
+    assert "stopped early, at the iteration limit" in done.stdout
+
+
+def test_figures_that_are_not_numbers_are_null_in_json(graph_file: Path) -> None:
+    done = run("solve", graph_file, "--time-limit", "0", "--json")
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["certificate"]["lambda_min"] is None
+
+
+def test_no_certify(graph_file: Path) -> None:
+    done = run("solve", graph_file, "--no-certify", "--json")
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["certificate"] is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["solve", "missing.g2o"], "missing.g2o: cannot be read: No such file"),
+        (["solve", "empty.g2o"], "empty.g2o: the file is empty"),
+        (["solve", "graph.g2o", "-o", "no/such/folder/out.g2o"], "cannot be written"),
+        (["solve", "graph.g2o", "-o", "out.xyz"], "known formats"),
+        (["solve", "graph.g2o", "--magic"], "No such option"),
+        (["solve", "graph.g2o", "--method", "magic"], "'magic' is not one of"),
+        (["solve", "graph.g2o", "--tolerance", "-1"], "-1"),
+        (["solve"], "Missing argument"),
+        (["dance"], "No such command"),
+        (["info", "missing.g2o"], "cannot be read"),
+        (["simulate", "klein_bottle", "-n", "5", "-o", "x.g2o"], "'klein_bottle' is not one of"),
+        (["simulate", "cycle", "-n", "1", "-o", "x.g2o"], "1 is not in the range"),
+        (["simulate", "cycle", "-n", "5", "--drop", "0.9", "-o", "x.g2o"], "drop"),
+        (["convert", "graph.g2o", "out.xyz"], "known formats"),
+    ],
+)
+def test_bad_input_is_exit_status_2_with_one_clear_message(
+    arguments: list[str], message: str, graph_file: Path
+) -> None:
+    folder = graph_file.parent
+    (folder / "empty.g2o").touch()
+    before = sorted(folder.iterdir())
+    done = run(*arguments, cwd=folder)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    assert sorted(folder.iterdir()) == before
+
+
+def test_info_tells_how_hard_a_graph_is(graph_file: Path) -> None:
+    done = run("info", graph_file)
+    assert done.returncode == 0
+    assert "lambda_2" in done.stdout
+    result = json.loads(run("info", graph_file, "--json").stdout)
+    assert result["nodes"] == 100
+    assert result["cycles"]["independent"] == result["edges"] - 99
+    graph = rotavg.read(graph_file)
+    L = np.zeros((100, 100))
+    for (i, j), w in zip(graph.indices, graph.weights):
+        L[[i, j], [i, j]] += w
+        L[[i, j], [j, i]] -= w
+    assert result["algebraic_connectivity"] == pytest.approx(np.linalg.eigvalsh(L)[1], rel=1e-6)
+
+
+def test_the_noise_that_info_estimates_is_the_noise_that_was_simulated(tmp_path: Path) -> None:
+    graph = rotavg.simulate("sphere", 900, noise=0.05, seed=3).graph
+    # The median of |N(0, s)| is 0.67 s; turns about random axes add up as in three dimensions.
+    assert rotavg.hardness(graph).noise == pytest.approx(0.05, rel=0.35)
+
+
+def test_simulate_is_reproducible_and_convert_keeps_the_graph(tmp_path: Path) -> None:
+    for name in ("a.txt", "b.txt"):
+        done = run(
+            "simulate", "grid", "-n", 64, "--noise", "0.2", "--seed", 5, "-o", tmp_path / name
+        )
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "a.txt").read_bytes() == (tmp_path / "b.txt").read_bytes()
+    for name in ("c.g2o", "d.csv", "e.npz"):
+        done = run("convert", tmp_path / "a.txt", tmp_path / name)
+        assert done.returncode == 0, done.stderr
+        a, b = (rotavg.read(tmp_path / k) for k in ("a.txt", name))
+        np.testing.assert_array_equal(a.edges, b.edges)
+        np.testing.assert_allclose(a.rotations, b.rotations, atol=1e-14)
+
+
+def test_help_shows_examples() -> None:
+    for command in ([], ["solve"], ["info"], ["simulate"], ["convert"]):
+        done = run(*command, "--help")
+        assert done.returncode == 0
+        assert "Example" in done.stdout
+    assert run("--version").stdout.strip().endswith(rotavg.__version__)
+
+
+def test_a_closed_pipe_is_not_an_error(graph_file: Path) -> None:
+    command = f"{sys.executable} -m rotavg info {graph_file} --json | head -c 1"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,269 @@
+"""The main job: a graph goes in, certified rotations come out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rotavg
+
+PAPER_SETTINGS = [(phi, p) for phi in (0.2, 0.5) for p in (0.0, 0.3)]
+
+
+def test_noiseless_graphs_are_solved_by_the_shortest_path_start() -> None:
+    for kind, n in [("complete", 30), ("cycle", 50), ("grid", 60), ("sphere", 200), ("band", 80)]:
+        graph = rotavg.simulate(kind, n, seed=3).graph
+        solution = rotavg.solve(graph)
+        assert solution.iterations == 0, kind
+        assert solution.objective < 1e-20 * graph.num_edges, kind
+        assert solution.certificate is not None
+        assert solution.certificate.verdict == "proved", kind
+
+
+@pytest.mark.parametrize(("phi", "p"), PAPER_SETTINGS)
+def test_bcd_and_sum_end_at_the_same_certified_objective_over_100_seeds(
+    phi: float, p: float
+) -> None:
+    for seed in range(100):
+        graph = rotavg.simulate("complete", 20, noise=phi, drop=p, seed=seed).graph
+        bcd = rotavg.solve(graph, method="bcd")
+        sum_ = rotavg.solve(graph, method="sum")
+        assert bcd.objective == pytest.approx(sum_.objective, rel=1e-9), seed
+        for solution in (bcd, sum_):
+            assert solution.status.converged, seed
+            assert solution.certificate is not None
+            assert solution.certificate.verdict == "proved", seed
+            assert abs(solution.certificate.lambda_min) < 1e-12 * 20, seed
+
+
+@pytest.mark.parametrize(("phi", "p"), PAPER_SETTINGS)
+@pytest.mark.parametrize("mu", ["adaptive", "min_eigenvalue"])
+def test_the_paper_at_n_200(phi: float, p: float, mu: str) -> None:
+    graph = rotavg.simulate("complete", 200, noise=phi, drop=p, seed=17).graph
+    bcd = rotavg.solve(graph, method="bcd")
+    sum_ = rotavg.solve(graph, method="sum", mu=mu)  # type: ignore[arg-type]
+    assert bcd.objective == pytest.approx(sum_.objective, rel=1e-9)
+    assert bcd.certificate is not None
+    assert bcd.certificate.verdict == "proved"
+
+
+def test_the_mean_residual_is_that_of_the_noise() -> None:
+    # Noise of a random axis and an angle ~ N(0, phi^2) leaves a mean unsquared chordal residual of
+    # E 2 sqrt(2) |sin(angle / 2)|; on a complete graph of 300 the fit takes only O(1/n) of it away.
+    phi = 0.5
+    graph = rotavg.simulate("complete", 300, noise=phi, seed=5).graph
+    residuals = 2 * np.sqrt(2) * np.sin(rotavg.solve(graph).residual_angles / 2)
+    angles = np.linspace(-6, 6, 20001) * phi
+    density = np.exp(-0.5 * (angles / phi) ** 2)
+    expected = (2 * np.sqrt(2) * np.abs(np.sin(angles / 2)) * density).sum() / density.sum()
+    assert residuals.mean() == pytest.approx(expected, rel=0.01)
+
+
+def test_the_solution_agrees_with_scipy_minimising_the_same_objective() -> None:
+    optimize = pytest.importorskip("scipy.optimize")
+    transform = pytest.importorskip("scipy.spatial.transform")
+    simulation = rotavg.simulate("complete", 6, noise=0.4, seed=2)
+    graph = simulation.graph
+
+    def objective(rotvecs: np.ndarray) -> float:
+        R = transform.Rotation.from_rotvec(rotvecs.reshape(-1, 3)).as_matrix()
+        residual = R[graph.indices[:, 0]] @ graph.rotations - R[graph.indices[:, 1]]
+        return float((graph.weights * (residual**2).sum(axis=(1, 2))).sum())
+
+    truth = transform.Rotation.from_matrix(simulation.ground_truth).as_rotvec()
+    best = optimize.minimize(objective, truth.ravel(), method="BFGS", options={"gtol": 1e-10})
+    assert rotavg.solve(graph).objective == pytest.approx(best.fun, rel=1e-9)
+
+
+def test_everything_returned_is_evaluated_at_the_returned_rotations() -> None:
+    graph = rotavg.simulate("sphere", 300, noise=0.1, seed=1).graph
+    for iterations in (0, 3, 10):
+        s = rotavg.solve(graph, max_iterations=iterations)
+        assert s.status is rotavg.Status.ITERATION_LIMIT
+        assert s.iterations == iterations
+        assert len(s.trace) == iterations + 1
+        R = s.rotations
+        residual = R[graph.indices[:, 0]] @ graph.rotations - R[graph.indices[:, 1]]
+        assert s.objective == pytest.approx((residual**2).sum(), rel=1e-12)
+        assert s.objective == s.trace.objective[-1]
+        g = rotavg.gradient(graph, R)
+        assert s.gradient_norm == pytest.approx(np.linalg.norm(g), rel=1e-9)
+        angle = np.arccos(np.clip(1 - (residual**2).sum(axis=(1, 2)) / 4, -1, 1))
+        np.testing.assert_allclose(s.residual_angles, angle, atol=1e-7)
+
+
+def test_the_gradient_is_the_derivative_of_the_objective() -> None:
+    simulation = rotavg.simulate("complete", 5, noise=0.5, seed=8)
+    graph, R = simulation.graph, simulation.ground_truth
+    transform = pytest.importorskip("scipy.spatial.transform")
+    g = rotavg.gradient(graph, R)
+    h = 1e-5
+    for i in range(5):
+        for axis in np.eye(3):
+            moved = [R.copy(), R.copy()]
+            for sign, copy in zip((1, -1), moved):
+                turn = transform.Rotation.from_rotvec(sign * h * axis).as_matrix()
+                copy[i] = turn @ copy[i]
+            slope = (rotavg.objective(graph, moved[0]) - rotavg.objective(graph, moved[1])) / (
+                2 * h
+            )
+            assert g[i] @ axis == pytest.approx(slope, abs=1e-7)
+
+
+def test_the_first_node_of_every_component_holds_the_gauge() -> None:
+    one = rotavg.simulate("complete", 8, noise=0.2, seed=1).graph
+    two = rotavg.simulate("cycle", 5, noise=0.2, seed=2).graph
+    graph = rotavg.MeasurementGraph(
+        np.vstack([one.edges + 100, two.edges]),
+        np.concatenate([one.rotations, two.rotations]),
+        nodes=[999, *range(104, 108), *range(5), *range(100, 104)],
+    )
+    solution = rotavg.solve(graph)
+    assert solution.num_components == 3
+    np.testing.assert_array_equal(solution.component, [0] + [1] * 4 + [2] * 5 + [1] * 4)
+    for row in (0, 1, 5):
+        np.testing.assert_array_equal(solution.rotations[row], np.eye(3))
+    alone = [rotavg.solve(g) for g in (one, two)]
+    assert solution.objective == pytest.approx(sum(s.objective for s in alone), rel=1e-9)
+    assert solution.certificate is not None
+    assert solution.certificate.verdict == "proved"
+
+
+def test_weights_count() -> None:
+    # Two contradicting measurements of one rotation: the answer lies between, nearer the heavier.
+    turn = rotavg.MeasurementGraph.from_rotvecs(
+        [(0, 1), (0, 1)], [[0, 0, 0.2], [0, 0, -0.2]], weights=[3.0, 1.0]
+    )
+    w = np.arctan2(*rotavg.solve(turn).rotations[1][[1, 0], 0])
+    # 3 sin(0.2 - w) = sin(0.2 + w)
+    assert w == pytest.approx(np.arctan2(2 * np.sin(0.2), 4 * np.cos(0.2)), abs=1e-9)
+
+
+def test_scaling_all_weights_changes_nothing_but_the_objective() -> None:
+    graph = rotavg.simulate("grid", 60, noise=0.3, seed=4).graph
+    a = rotavg.solve(graph)
+    for scale in (1e-90, 1e90):
+        b = rotavg.solve(graph.with_weights(scale * graph.weights))
+        assert b.iterations == a.iterations
+        np.testing.assert_allclose(a.rotations, b.rotations, atol=1e-12)
+        assert b.objective == pytest.approx(scale * a.objective, rel=1e-12)
+        assert b.certificate is not None
+        assert b.certificate.verdict == "proved"
+
+
+def test_parallel_edges_add_up() -> None:
+    graph = rotavg.simulate("complete", 10, noise=0.3, seed=6).graph
+    doubled = rotavg.MeasurementGraph(
+        np.vstack([graph.edges, graph.edges[:, ::-1]]),
+        np.concatenate([graph.rotations, np.swapaxes(graph.rotations, 1, 2)]),
+    )
+    a, b = rotavg.solve(graph), rotavg.solve(doubled)
+    assert b.objective == pytest.approx(2 * a.objective, rel=1e-12)
+    np.testing.assert_allclose(a.rotations, b.rotations, atol=1e-7)
+
+
+@pytest.mark.parametrize("method", ["bcd", "sum"])
+@pytest.mark.parametrize("init", ["shortest_path", "random"])
+def test_same_input_same_bits_for_any_number_of_threads(method: str, init: str) -> None:
+    graph = rotavg.simulate("complete", 200, noise=0.3, seed=9).graph  # 19900 edges
+    first = rotavg.solve(graph, method=method, init=init, num_threads=1)  # type: ignore[arg-type]
+    for threads in (2, 3, 5):
+        again = rotavg.solve(graph, method=method, init=init, num_threads=threads)  # type: ignore[arg-type]
+        assert first.rotations.tobytes() == again.rotations.tobytes()
+        assert first.trace.objective.tobytes() == again.trace.objective.tobytes()
+        assert first.certificate == again.certificate
+
+
+def test_a_warm_start_at_the_optimum_has_nothing_to_do() -> None:
+    graph = rotavg.simulate("complete", 30, noise=0.3, seed=1).graph
+    solution = rotavg.solve(graph)
+    again = rotavg.solve(graph, init=solution.rotations)
+    assert again.iterations == 0
+    assert again.init == "given"
+
+
+def test_a_callback_sees_every_iteration_and_can_stop() -> None:
+    graph = rotavg.simulate("sphere", 400, noise=0.1, seed=1).graph
+    seen: list[rotavg.Progress] = []
+
+    def stop_after_five(progress: rotavg.Progress) -> bool:
+        seen.append(progress)
+        return progress.iteration < 5
+
+    solution = rotavg.solve(graph, callback=stop_after_five)
+    assert [p.iteration for p in seen] == list(range(6))
+    assert solution.status is rotavg.Status.STOPPED
+    assert not solution.solved
+    assert [p.objective for p in seen] == solution.trace.objective.tolist()
+    assert "iteration=5" in repr(seen[-1])
+
+
+def test_an_error_in_a_callback_reaches_the_caller() -> None:
+    graph = rotavg.simulate("cycle", 10, noise=0.1, seed=1).graph
+
+    def fail(progress: rotavg.Progress) -> None:
+        raise LookupError("mine")
+
+    with pytest.raises(LookupError, match="mine"):
+        rotavg.solve(graph, callback=fail)
+
+
+def test_limits_are_a_status_not_an_error() -> None:
+    graph = rotavg.simulate("sphere", 900, noise=0.1, seed=1).graph
+    slow = rotavg.solve(graph, time_limit=0.0)
+    assert slow.status is rotavg.Status.TIME_LIMIT
+    assert slow.certificate is not None
+    assert slow.certificate.verdict == "not_certified"
+    assert slow.certificate.method == "none"
+    assert "stopped early" in str(slow)
+    assert not slow.solved
+
+
+def test_the_paper_rule_stops_earlier_on_a_badly_conditioned_graph() -> None:
+    graph = rotavg.simulate("sphere", 900, noise=0.1, seed=1).graph
+    paper = rotavg.solve(graph, method="sum", stop="step", tolerance=1e-4)
+    assert paper.status is rotavg.Status.STEP_CONVERGED
+    assert paper.trace.step[-1] < 1e-4
+    assert paper.objective > 1.0001 * rotavg.solve(graph).objective
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "magic"}, r"unknown method 'magic'; expected one of: auto, bcd, sum"),
+        ({"init": "magic"}, "unknown init 'magic'"),
+        ({"stop": "never"}, "unknown stop 'never'"),
+        ({"mu": "large"}, "unknown mu 'large'"),
+        ({"tolerance": -1.0}, "tolerance is -1.0"),
+        ({"tolerance": float("nan")}, "tolerance is nan"),
+        ({"max_iterations": 2.5}, "max_iterations is 2.5"),
+        ({"max_iterations": -1}, "max_iterations is -1"),
+        ({"num_threads": 0}, "num_threads is 0"),
+        ({"time_limit": -3}, "time_limit is -3"),
+        ({"seed": -1}, "seed is -1"),
+        ({"certificate_tolerance": "small"}, "certificate_tolerance is 'small'"),
+    ],
+)
+def test_options_that_do_not_exist_are_named(options: dict[str, object], message: str) -> None:
+    graph = rotavg.simulate("cycle", 5).graph
+    with pytest.raises(rotavg.OptionError, match=message):
+        rotavg.solve(graph, **options)  # type: ignore[arg-type]
+
+
+def test_initial_rotations_are_checked() -> None:
+    graph = rotavg.simulate("cycle", 5).graph
+    R = np.tile(np.eye(3), (5, 1, 1))
+    with pytest.raises(rotavg.GraphError, match=r"init have shape \(4, 3, 3\)"):
+        rotavg.solve(graph, init=R[:4])
+    R[3, 0, 0] = -1
+    with pytest.raises(rotavg.GraphError, match=r"node 3 is not a rotation.*determinant is -1"):
+        rotavg.solve(graph, init=R)
+    R[3, 0, 0] = np.nan
+    with pytest.raises(rotavg.GraphError, match="node 3"):
+        rotavg.solve(graph, init=R)
+
+
+def test_the_printed_solution_says_what_a_user_asks_first() -> None:
+    text = str(rotavg.solve(rotavg.simulate("complete", 12, noise=0.1, seed=1).graph))
+    for phrase in ("Solved 12 rotations", "proved globally optimal", "objective", "median"):
+        assert phrase in text
