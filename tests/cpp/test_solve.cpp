@@ -96,8 +96,7 @@ TEST_CASE("a run that is stopped is not certified, and one without a certificate
 TEST_CASE("a start of the wrong size is refused with both numbers") {
   const MeasurementGraph graph = test::noiseless_cycle(5);
   CHECK_THROWS_WITH_AS(solve(graph, {}, test::twisted(4, 0)),
-                       "found 4 initial rotations; expected 5, one for each node",
-                       std::invalid_argument);
+                       "found 4 rotations; expected 5, one for each node", std::invalid_argument);
 }
 
 TEST_CASE("the version's parts make the version") {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <limits>
 
@@ -69,19 +70,16 @@ inline ComponentBound bound_component(const CertificateMatrix& S,
       return stopped ? bound : bound_by_shifted_factorization(S, options.keep_going);
     }
   }
-  // S on the complement of R^T is at least theta - residual, if LOBPCG met its smallest eigenvalue.
+  // S is at least theta on the complement of its null vectors N = R^T / sqrt(n), if LOBPCG met the
+  // smallest eigenvalue there, and |S N| <= epsilon couples the two: lambda_min(S) is at least the
+  // smallest eigenvalue of [0, epsilon; epsilon, theta].
   const Eigenpair pair = min_eigenvalue_on_complement(S, options.keep_going, 0.02, 1000);
   const double theta = pair.value - pair.residual;
-  const double leftover = S.leftover().squaredNorm();
+  const double epsilon = S.leftover().norm() / std::sqrt(static_cast<double>(S.num_nodes()));
+  const double below_zero = 0.5 * (std::hypot(theta, 2.0 * epsilon) - theta);
   bound.finished = pair.converged || pair.value < 0.0;
-  if (theta > 0.0) {
-    // Minimise 2 c^T K^T y + theta |y|^2 over y: the coupling of R^T c with the complement.
-    bound.gap = leftover / theta + S.rounding_trace();
-    bound.lambda_min = -leftover / (theta * static_cast<double>(S.num_nodes()));
-  } else {
-    bound.gap = (-theta + leftover) * static_cast<double>(S.size());
-    bound.lambda_min = pair.value;
-  }
+  bound.gap = below_zero * static_cast<double>(S.size()) + S.rounding_trace();
+  bound.lambda_min = pair.value < 0.0 ? pair.value : -below_zero;
   return bound;
 }
 

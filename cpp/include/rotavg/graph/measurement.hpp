@@ -37,6 +37,8 @@ class InvalidEdge : public std::invalid_argument {
 
 /// How far max |R^T R - I| may be from zero: more than text with four digits loses.
 constexpr double max_orthogonality_error = 1e-3;
+/// Up to here a matrix is taken as it is; beyond, it is replaced by the nearest rotation.
+constexpr double negligible_orthogonality_error = 1e-14;
 /// Weights beyond these bounds would overflow or vanish in the sums.
 constexpr double min_weight = 1e-100;
 constexpr double max_weight = 1e100;
@@ -51,7 +53,6 @@ inline Matrix3 check_measurement(Index k, const RelativeRotation& m) {
     (reason << ... << parts);
     throw InvalidEdge(k, reason.str());
   };
-  constexpr double snap_beyond = 1e-14;
 
   if (m.i == m.j) refuse("it joins a node to itself; expected two different nodes");
   if (!(m.weight >= min_weight && m.weight <= max_weight)) {
@@ -69,7 +70,7 @@ inline Matrix3 check_measurement(Index k, const RelativeRotation& m) {
     refuse("the matrix is not a rotation: its determinant is ", R.determinant(),
            " (a reflection); expected +1");
   }
-  return error > snap_beyond ? nearest_rotation(R) : R;
+  return error > negligible_orthogonality_error ? nearest_rotation(R) : R;
 }
 
 }  // namespace rotavg

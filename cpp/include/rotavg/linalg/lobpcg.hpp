@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 #include <initializer_list>
+#include <limits>
 #include <random>
 
 #include <Eigen/Core>
@@ -21,7 +22,7 @@ struct LobpcgOptions {
   double relative_tolerance = 0.0;  ///< … or at |A x - theta x|_2 <= relative_tolerance |theta|
   /// Stop when theta has fallen by no more than this over two iterations. Only a preconditioner
   /// close to the inverse makes that safe.
-  double value_tolerance = -1.0;
+  double value_tolerance = -std::numeric_limits<double>::infinity();
   int max_iterations = 500;
   std::function<bool()> keep_going;  ///< asked every iteration; false stops
 };

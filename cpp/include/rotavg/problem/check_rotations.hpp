@@ -28,7 +28,7 @@ class InvalidRotation : public std::invalid_argument {
   std::string reason_;
 };
 
-/// Checks rotations that a user gave, and snaps each to the nearest rotation: for anything else the
+/// Checks rotations that a user gave, and snaps them to exact ones: for anything else the
 /// objective means nothing.
 /// @throws std::invalid_argument if there is not one for each node
 /// @throws InvalidRotation if a matrix is further from a rotation than max_orthogonality_error
@@ -48,7 +48,7 @@ inline Rotations checked_rotations(const MeasurementGraph& graph, Rotations R) {
              << max_orthogonality_error << ", and 1";
       throw InvalidRotation(i, reason.str());
     }
-    R[i] = nearest_rotation(R[i]);
+    if (error > negligible_orthogonality_error) R[i] = nearest_rotation(R[i]);
   }
   return R;
 }
