@@ -8,8 +8,9 @@
 #include <random>
 
 #include <Eigen/Core>
-#include <Eigen/Eigenvalues>
 
+#include <rotavg/linalg/small_eigen.hpp>
+#include <rotavg/linalg/tall.hpp>
 #include <rotavg/so3/random.hpp>
 
 namespace rotavg {
@@ -60,7 +61,7 @@ inline Eigen::MatrixXd orthonormal_basis(std::initializer_list<const Eigen::Matr
       if (!(norm > 0.0) || !std::isfinite(norm)) continue;
       v /= norm;
       for (int pass = 0; pass < 2; ++pass) {  // twice is enough
-        v -= V.leftCols(size) * (V.leftCols(size).transpose() * v);
+        for (Eigen::Index k = 0; k < size; ++k) v -= V.col(k).dot(v) * V.col(k);
       }
       const double rest = v.norm();
       if (rest < 1e-8) continue;
@@ -94,7 +95,9 @@ inline Eigenpair smallest_eigenpair(const LinearOperator& A, const LinearOperato
   const Eigen::Index rows = start.rows();
   const auto project = [&](MatrixXd M) -> MatrixXd {
     if (constraints.cols() > 0) {
-      for (int pass = 0; pass < 2; ++pass) M -= constraints * (constraints.transpose() * M);
+      for (int pass = 0; pass < 2; ++pass) {
+        M -= combinations(constraints, inner_products(constraints, M));
+      }
     }
     return M;
   };
@@ -108,17 +111,17 @@ inline Eigenpair smallest_eigenpair(const LinearOperator& A, const LinearOperato
     const MatrixXd V = detail::orthonormal_basis({&X, &W, &P}, rows, max_size);
     if (V.cols() == 0) return best;
     const MatrixXd AV = A(V);
-    const MatrixXd H = V.transpose() * AV;
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> ritz(0.5 * (H + H.transpose()));
+    const MatrixXd H = inner_products(V, AV);
+    const SmallEigen ritz = small_eigen(0.5 * (H + H.transpose()));
     const Eigen::Index k = std::min(start.cols(), V.cols());
-    const MatrixXd C = ritz.eigenvectors().leftCols(k);
+    const MatrixXd C = ritz.vectors.leftCols(k);
     const Eigen::Index others = std::max<Eigen::Index>(V.cols() - X.cols(), 0);
-    X = V * C;
-    P = V.rightCols(others) * C.bottomRows(others);
-    const MatrixXd residual = project(AV * C - X * ritz.eigenvalues().head(k).asDiagonal());
-    const double fall = best.value - ritz.eigenvalues()(0);
+    X = combinations(V, C);
+    P = combinations(V.rightCols(others), C.bottomRows(others));
+    const MatrixXd residual = project(combinations(AV, C) - X * ritz.values.head(k).asDiagonal());
+    const double fall = best.value - ritz.values(0);
     idle = iteration > 0 && fall <= options.value_tolerance ? idle + 1 : 0;
-    best.value = ritz.eigenvalues()(0);
+    best.value = ritz.values(0);
     best.vector = X.col(0);
     best.residual = residual.col(0).norm();
     best.iterations = iteration;

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+
 #ifdef _OPENMP
 #include <omp.h>
 #endif
@@ -8,18 +10,17 @@
 
 namespace rotavg {
 
-/// Number of threads to use for a request: a positive number is taken as it is, anything else means
-/// "all processors of this process". Work of fewer items than some thousands gets one thread, whose
-/// wake-up would otherwise cost more than the work.
+/// Number of threads to use for a request: a positive number as it is, anything else for all
+/// processors of this process; but only as many as there are thousands of items to work on, as a
+/// thread's wake-up costs more than less work.
 inline int resolve_num_threads(int requested, Index num_items) {
-  constexpr Index worthwhile = 8192;
-  if (num_items < worthwhile) return 1;
-  if (requested > 0) return requested;
+  constexpr Index worthwhile = 4096;
 #ifdef _OPENMP
-  return omp_get_num_procs();
+  const int wanted = requested > 0 ? requested : omp_get_num_procs();
 #else
-  return 1;
+  const int wanted = requested > 0 ? requested : 1;
 #endif
+  return std::max(1, std::min(wanted, num_items / worthwhile));
 }
 
 /// Calls f(k) for k = 0 … count-1, in any order, on `num_threads` threads. Calls must not depend on
