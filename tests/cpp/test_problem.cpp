@@ -10,7 +10,10 @@
 #include <rotavg/graph/components.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/gauge.hpp>
+#include <rotavg/init/shortest_path.hpp>
 #include <rotavg/problem/gradient.hpp>
+#include <rotavg/problem/hessian.hpp>
+#include <rotavg/problem/laplacian_metric.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/so3/lie.hpp>
 
@@ -251,5 +254,45 @@ TEST_CASE("objective and gradient have the same bits for any number of threads")
     CHECK(gradient_norm(graph, R, num_threads).relative == norm.relative);
     const std::vector<Vector3> again = gradient(graph, R, num_threads);
     CHECK(std::memcmp(again.data(), g.data(), g.size() * sizeof(Vector3)) == 0);
+  }
+}
+
+TEST_CASE("the Hessian is the symmetrised derivative of the gradient, and 4 L without noise") {
+  Random random;
+  INFO(random.replay());
+  for (const double noise : {0.0, 0.3, 2.0}) {
+    const MeasurementGraph graph(test::simulate(random, test::random_connected(random, 7, 8), noise));
+    const Rotations R = random.rotations(7);
+    const Hessian hessian(graph, R, 1);
+    // Along a geodesic the second derivative of f is w . H w.
+    for (int k = 0; k < 5; ++k) {
+      NodeVectors w(7, 3);
+      for (Index i = 0; i < 7; ++i) w.row(i) = random.normal_vector().transpose();
+      const auto f_at = [&](double t) {
+        Rotations moved = R;
+        for (Index i = 0; i < 7; ++i) moved[i] = turned(R[i], t * w.row(i).transpose());
+        return objective(graph, moved);
+      };
+      constexpr double h = 1e-4;
+      const double second = (f_at(h) - 2.0 * f_at(0.0) + f_at(-h)) / (h * h);
+      CHECK(w.cwiseProduct(hessian.apply(w)).sum() ==
+            doctest::Approx(second).epsilon(1e-5).scale(graph.total_weight()));
+      NodeVectors v(7, 3);
+      for (Index i = 0; i < 7; ++i) v.row(i) = random.normal_vector().transpose();
+      CHECK(v.cwiseProduct(hessian.apply(w)).sum() ==
+            doctest::Approx(w.cwiseProduct(hessian.apply(v)).sum()).epsilon(1e-12).scale(100.0));
+    }
+    if (noise > 0.0) continue;
+    const Hessian at_truth(graph, shortest_path_init(graph), 1);
+    const Components components = connected_components(graph);
+    NodeVectors w(7, 3);
+    for (Index i = 0; i < 7; ++i) w.row(i) = random.normal_vector().transpose();
+    const Eigen::MatrixXd expected = 4.0 * apply_laplacian(graph, components, 0, w);
+    CHECK((at_truth.apply(w) - expected).norm() <= 1e-12 * expected.norm());
+    LaplacianMetric metric(graph, components);
+    REQUIRE(metric.factorize({}) == SparseCholesky::Outcome::positive_definite);
+    w.row(0).setZero();
+    const NodeVectors back = metric.apply(NodeVectors(4.0 * apply_laplacian(graph, components, 0, w)));
+    CHECK((back - w).norm() <= 1e-12 * w.norm());
   }
 }

@@ -15,6 +15,7 @@
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/so3/loso.hpp>
 #include <rotavg/solve/bcd.hpp>
+#include <rotavg/solve/newton.hpp>
 #include <rotavg/solve/sum.hpp>
 
 #include "support/dense.hpp"
@@ -43,6 +44,8 @@ const std::vector<Solver>& solvers() {
        [](const auto& graph, auto R, const auto& options) {
          return sum(graph, std::move(R), options, MuRule::min_eigenvalue);
        }},
+      {"Newton", [](const auto& graph, auto R,
+                    const auto& options) { return newton(graph, std::move(R), options); }},
   };
   return all;
 }

@@ -32,21 +32,32 @@ inline Eigen::MatrixXd apply_laplacian(const MeasurementGraph& graph, const Comp
   return Y;
 }
 
-/// Lower triangle of L without the component's first node: positive definite.
+/// Lower triangle of L restricted to some nodes, whose order (rising) is that of its rows. Positive
+/// definite if at least one node of every component is left out.
 inline SparseSymmetric grounded_laplacian(const MeasurementGraph& graph,
-                                          const Components& components, Index component) {
-  const auto& nodes = components.nodes[component];
-  const auto rows = static_cast<Index>(nodes.size()) - 1;
-  std::vector<Eigen::Triplet<double>> entries;
-  for (Index a = 0; a < rows; ++a) {
-    entries.emplace_back(a, a, graph.degree(nodes[a + 1]));
-    for (const HalfEdge& h : graph.row(nodes[a + 1])) {
-      const Index b = components.row_in_component[h.node] - 1;
-      if (b > a) entries.emplace_back(b, a, -graph.edges()[h.edge].weight);
+                                          const std::vector<Index>& free_nodes) {
+  std::vector<Index> row(static_cast<std::size_t>(graph.num_nodes()), -1);
+  Index rows = 0;
+  for (const Index i : free_nodes) row[i] = rows++;
+  SparseSymmetric L(rows, rows);
+  std::vector<std::pair<Index, double>> below;
+  for (const Index i : free_nodes) {
+    below.clear();
+    for (const HalfEdge& h : graph.row(i)) {
+      if (row[h.node] > row[i]) below.emplace_back(row[h.node], graph.edges()[h.edge].weight);
+    }
+    std::stable_sort(below.begin(), below.end(),
+                     [](const auto& x, const auto& y) { return x.first < y.first; });
+    L.startVec(row[i]);
+    L.insertBack(row[i], row[i]) = graph.degree(i);
+    for (std::size_t k = 0; k < below.size();) {
+      double weight = 0.0;  // parallel edges add up
+      const Index j = below[k].first;
+      for (; k < below.size() && below[k].first == j; ++k) weight += below[k].second;
+      L.insertBack(j, row[i]) = -weight;
     }
   }
-  SparseSymmetric L(rows, rows);
-  L.setFromTriplets(entries.begin(), entries.end());
+  L.finalize();
   return L;
 }
 
@@ -62,7 +73,8 @@ inline double algebraic_connectivity(const MeasurementGraph& graph, const Compon
   double max_degree = 0.0;
   for (const Index i : nodes) max_degree = std::max(max_degree, graph.degree(i));
 
-  const SparseSymmetric grounded = grounded_laplacian(graph, components, component);
+  const SparseSymmetric grounded =
+      grounded_laplacian(graph, {nodes.begin() + 1, nodes.end()});
   SparseCholesky cholesky(grounded);
   constexpr double max_flops = 2e10;
   const bool factorized =

@@ -29,6 +29,11 @@ inline Matrix3 exp_so3(const Vector3& w) {
   return Eigen::Quaterniond(std::cos(half), s * w.x(), s * w.y(), s * w.z()).normalized().matrix();
 }
 
+/// exp([w]) R, a rotation to rounding error however often it is turned.
+inline Matrix3 turned(const Matrix3& R, const Vector3& w) {
+  return Eigen::Quaterniond(exp_so3(w) * R).normalized().matrix();
+}
+
 /// The rotation vector w, |w| <= pi, with exp_so3(w) = R.
 inline Vector3 log_so3(const Matrix3& R) {
   Eigen::Quaterniond q(R);

@@ -37,6 +37,9 @@ class Monitor {
     return result_.status != Status::not_run;
   }
 
+  /// Of the rotations that should_stop was last shown.
+  double relative_gradient() const { return result_.trace.back().relative_gradient; }
+
   /// For the middle of a long step.
   bool keep_going() const {
     return watch_.seconds() < options_.time_limit &&

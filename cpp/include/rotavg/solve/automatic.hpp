@@ -1,0 +1,108 @@
+#pragma once
+
+#include <cmath>
+#include <sstream>
+#include <string>
+#include <utility>
+
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/problem/laplacian_metric.hpp>
+#include <rotavg/solve/bcd.hpp>
+#include <rotavg/solve/newton.hpp>
+#include <rotavg/solve/options.hpp>
+#include <rotavg/solve/result.hpp>
+#include <rotavg/solve/stopwatch.hpp>
+
+namespace rotavg {
+
+/// Appends what a second solver did, which started where the first one ended.
+inline void append(IterationResult& first, IterationResult second) {
+  for (std::size_t k = 1; k < second.trace.size(); ++k) {
+    Progress progress = second.trace[k];
+    progress.iteration += first.iterations;
+    progress.seconds += first.seconds;
+    first.trace.push_back(progress);
+  }
+  second.iterations += first.iterations;
+  second.seconds += first.seconds;
+  second.trace = std::move(first.trace);
+  first = std::move(second);
+}
+
+/// Newton's method or block coordinate descent, whichever the graph asks for:
+///
+/// - On sparse graphs the Laplacian factors at little cost and Newton's method needs some ten steps:
+///   it is taken at once.
+/// - On dense graphs a few sweeps of coordinate descent do, and a factorisation would cost more than
+///   all of them. The sweeps are watched; if at their rate many more would be needed, Newton's method
+///   takes over, unless the Laplacian is too large to factor.
+///
+/// @param reason one line on what was chosen and why
+inline IterationResult solve_automatically(const MeasurementGraph& graph,
+                                           const Components& components, Rotations R,
+                                           const IterationOptions& options, std::string& reason) {
+  constexpr double sparse_degree = 20.0;  // edges at a node, on average
+  constexpr double max_flops = 1e10;
+  constexpr int probed_sweeps = 5;
+  constexpr double patience = 40.0;  // sweeps
+  const double degree = 2.0 * graph.num_edges() / std::max<Index>(graph.num_nodes(), 1);
+  const auto line = [&reason](const auto&... parts) {
+    std::ostringstream text;
+    text.precision(2);
+    (text << ... << parts);
+    reason = text.str();
+  };
+
+  if (degree <= sparse_degree) {
+    LaplacianMetric metric(graph, components);
+    if (metric.flops() <= max_flops) {
+      line("newton: average degree ", degree, ", the Laplacian factors in ", metric.flops(),
+           " operations");
+      return newton(graph, std::move(R), metric, options);
+    }
+  }
+
+  // Coordinate descent, until it has converged or proves slow.
+  bool slow = false;
+  double last = 0.0, before_last = 0.0;
+  IterationOptions watched = options;
+  watched.callback = [&](const Progress& progress) {
+    if (options.callback && !options.callback(progress)) return false;
+    const double rate = progress.iteration >= 2 ? std::sqrt(progress.relative_gradient / before_last)
+                                                : 0.0;
+    before_last = std::exchange(last, progress.relative_gradient);
+    if (progress.iteration < probed_sweeps || options.stop != StopRule::gradient) return true;
+    const double sweeps = std::log(options.tolerance / last) / std::log(rate);
+    slow = !(rate < 1.0 && sweeps <= patience);
+    return !slow;
+  };
+  IterationResult result = bcd(graph, std::move(R), watched);
+  if (result.status != Status::stopped || !slow) {
+    line("bcd: average degree ", degree, ", ", result.iterations, " sweeps did");
+    return result;
+  }
+  IterationOptions rest = options;
+  rest.time_limit -= result.seconds;
+  rest.max_iterations -= result.iterations;
+  if (options.callback) {
+    rest.callback = [&, before = result.iterations, seconds = result.seconds](Progress progress) {
+      if (progress.iteration == 0) return true;  // reported already
+      progress.iteration += before;
+      progress.seconds += seconds;
+      return options.callback(progress);
+    };
+  }
+  LaplacianMetric metric(graph, components);
+  Rotations start = result.rotations;
+  if (metric.flops() <= max_flops) {
+    line("newton after ", result.iterations, " sweeps of bcd, which were slow");
+    append(result, newton(graph, std::move(start), metric, rest));
+  } else {
+    line("bcd: the Laplacian is too large to factor (", metric.flops(), " operations)");
+    append(result, bcd(graph, std::move(start), rest));
+  }
+  return result;
+}
+
+}  // namespace rotavg
