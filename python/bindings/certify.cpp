@@ -11,6 +11,7 @@
 
 #include "bindings.hpp"
 #include "convert.hpp"
+#include "errors.hpp"
 #include "interrupt.hpp"
 #include "names.hpp"
 
@@ -25,7 +26,7 @@ rotavg::Rotations node_rotations(const MeasurementGraph& graph, const DoubleArra
 
 py::dict certify(const MeasurementGraph& graph, const DoubleArray& rotations, double tolerance,
                  double time_limit, int num_threads) {
-  const rotavg::Rotations R = node_rotations(graph, rotations);
+  const rotavg::Rotations R = to_rotations(rotations, "rotations");
   SignalCheck signals;
   rotavg::Certificate certificate;
   {
@@ -44,7 +45,8 @@ py::dict certify(const MeasurementGraph& graph, const DoubleArray& rotations, do
 }
 
 py::array_t<double> gradient(const MeasurementGraph& graph, const DoubleArray& rotations) {
-  const auto g = rotavg::gradient(graph, node_rotations(graph, rotations));
+  const rotavg::Rotations R = node_rotations(graph, rotations);
+  const auto g = without_gil([&] { return rotavg::gradient(graph, R); });
   py::array_t<double> result({static_cast<py::ssize_t>(g.size()), py::ssize_t{3}});
   auto out = result.mutable_unchecked<2>();
   for (py::ssize_t i = 0; i < out.shape(0); ++i) {
@@ -69,39 +71,36 @@ py::array_t<double> on_stack(const DoubleArray& matrices) {
   return from_rotations(A);
 }
 
+py::tuple invalid_rotation_arguments(const rotavg::InvalidRotation& error) {
+  return py::make_tuple(error.node(), error.reason());
+}
+
 }  // namespace
 
 void bind_certify(py::module_& m) {
-  // A ValueError whose args are (node, reason).
-  static py::exception<rotavg::InvalidRotation> invalid_rotation(m, "InvalidRotation",
-                                                                 PyExc_ValueError);
-  py::register_exception_translator([](std::exception_ptr p) {
-    try {
-      if (p) std::rethrow_exception(p);
-    } catch (const rotavg::InvalidRotation& e) {
-      PyErr_SetObject(invalid_rotation.ptr(), py::make_tuple(e.node(), e.reason()).ptr());
-    }
-  });
+  register_error<rotavg::InvalidRotation, invalid_rotation_arguments>(m, "InvalidRotation");
 
   m.def("certify", &certify, py::arg("graph"), py::arg("rotations"), py::kw_only(),
         py::arg("tolerance"), py::arg("time_limit"), py::arg("num_threads"));
   m.def(
       "objective",
       [](const MeasurementGraph& graph, const DoubleArray& rotations) {
-        return rotavg::objective(graph, node_rotations(graph, rotations));
+        const rotavg::Rotations R = node_rotations(graph, rotations);
+        return without_gil([&] { return rotavg::objective(graph, R); });
       },
       py::arg("graph"), py::arg("rotations"));
   m.def("gradient", &gradient, py::arg("graph"), py::arg("rotations"));
   m.def(
       "residual_angles",
       [](const MeasurementGraph& graph, const DoubleArray& rotations) {
-        return from_vector(residual_angles(graph, node_rotations(graph, rotations)));
+        const rotavg::Rotations R = node_rotations(graph, rotations);
+        return from_vector(without_gil([&] { return residual_angles(graph, R); }));
       },
       py::arg("graph"), py::arg("rotations"));
   m.def(
       "shortest_path_init",
       [](const MeasurementGraph& graph) {
-        return from_rotations(rotavg::shortest_path_init(graph));
+        return from_rotations(without_gil([&] { return rotavg::shortest_path_init(graph); }));
       },
       py::arg("graph"));
   m.def(

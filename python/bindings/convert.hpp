@@ -43,6 +43,13 @@ inline py::array_t<double> from_rotations(const rotavg::Rotations& rotations) {
   return result;
 }
 
+/// What f returns, called without the GIL.
+template <typename Function>
+auto without_gil(Function&& f) {
+  const py::gil_scoped_release release;
+  return f();
+}
+
 template <typename T>
 py::array_t<T> from_vector(const std::vector<T>& values) {
   return py::array_t<T>(static_cast<py::ssize_t>(values.size()), values.data());

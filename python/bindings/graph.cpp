@@ -7,6 +7,7 @@
 
 #include "bindings.hpp"
 #include "convert.hpp"
+#include "errors.hpp"
 #include "interrupt.hpp"
 
 namespace rotavg_python {
@@ -68,18 +69,14 @@ std::vector<Index> cycle_lengths(const MeasurementGraph& graph, const std::vecto
   return lengths;
 }
 
+py::tuple invalid_edge_arguments(const rotavg::InvalidEdge& error) {
+  return py::make_tuple(error.edge(), error.reason());
+}
+
 }  // namespace
 
 void bind_graph(py::module_& m) {
-  // A ValueError whose args are (edge, reason).
-  static py::exception<rotavg::InvalidEdge> invalid_edge(m, "InvalidEdge", PyExc_ValueError);
-  py::register_exception_translator([](std::exception_ptr p) {
-    try {
-      if (p) std::rethrow_exception(p);
-    } catch (const rotavg::InvalidEdge& e) {
-      PyErr_SetObject(invalid_edge.ptr(), py::make_tuple(e.edge(), e.reason()).ptr());
-    }
-  });
+  register_error<rotavg::InvalidEdge, invalid_edge_arguments>(m, "InvalidEdge");
 
   py::class_<MeasurementGraph>(m, "MeasurementGraph")
       .def(py::init(&make_graph), py::arg("num_nodes"), py::arg("indices"), py::arg("rotations"),

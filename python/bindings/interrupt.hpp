@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <functional>
+#include <optional>
 
 #include <pybind11/pybind11.h>
 
@@ -14,30 +15,24 @@ class SignalCheck {
  public:
   std::function<bool()> keep_going() {
     return [this] {
-      if (interrupted_) return false;
+      if (error_) return false;
       const auto now = std::chrono::steady_clock::now();
       if (now < next_) return true;
       next_ = now + std::chrono::milliseconds(50);
       const pybind11::gil_scoped_acquire gil;
-      interrupted_ = PyErr_CheckSignals() != 0;
-      if (interrupted_) PyErr_Fetch(&type_, &value_, &traceback_);
-      return !interrupted_;
+      if (PyErr_CheckSignals() != 0) error_.emplace();
+      return !error_;
     };
   }
 
   /// Needs the GIL.
   void rethrow() {
-    if (!interrupted_) return;
-    PyErr_Restore(type_, value_, traceback_);
-    throw pybind11::error_already_set();
+    if (error_) throw *error_;
   }
 
  private:
-  bool interrupted_ = false;
+  std::optional<pybind11::error_already_set> error_;
   std::chrono::steady_clock::time_point next_{};
-  PyObject* type_ = nullptr;
-  PyObject* value_ = nullptr;
-  PyObject* traceback_ = nullptr;
 };
 
 }  // namespace rotavg_python

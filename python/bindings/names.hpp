@@ -15,6 +15,12 @@ namespace rotavg_python {
 
 namespace py = pybind11;
 
+/// A name that no enumerator has.
+class InvalidOption : public std::invalid_argument {
+ public:
+  using std::invalid_argument::invalid_argument;
+};
+
 template <typename Enum>
 struct Names;
 
@@ -75,7 +81,8 @@ struct Names<rotavg::CertificateMethod> {
   static constexpr std::pair<rotavg::CertificateMethod, const char*> list[] = {
       {rotavg::CertificateMethod::none, "none"},
       {rotavg::CertificateMethod::factorization, "factorization"},
-      {rotavg::CertificateMethod::eigenvalue, "eigenvalue"}};
+      {rotavg::CertificateMethod::eigenvalue, "eigenvalue"},
+      {rotavg::CertificateMethod::nonnegativity, "nonnegativity"}};
 };
 
 template <typename Enum>
@@ -86,7 +93,7 @@ const char* name_of(Enum value) {
   throw std::logic_error("an enumerator has no name");
 }
 
-/// @throws std::invalid_argument that lists the names there are
+/// @throws InvalidOption that lists the names there are
 template <typename Enum>
 Enum value_of(const std::string& name) {
   std::string known;
@@ -95,8 +102,8 @@ Enum value_of(const std::string& name) {
     known += known.empty() ? "" : ", ";
     known += candidate;
   }
-  throw std::invalid_argument(std::string("unknown ") + Names<Enum>::option + " '" + name +
-                              "'; expected one of: " + known);
+  throw InvalidOption(std::string("unknown ") + Names<Enum>::option + " '" + name +
+                      "'; expected one of: " + known);
 }
 
 inline py::dict certificate_dict(const rotavg::Certificate& certificate) {

@@ -7,6 +7,7 @@
 
 #include "bindings.hpp"
 #include "convert.hpp"
+#include "errors.hpp"
 #include "interrupt.hpp"
 #include "names.hpp"
 
@@ -84,9 +85,14 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
   return solution_dict(solution);
 }
 
+py::tuple invalid_option_arguments(const InvalidOption& error) {
+  return py::make_tuple(error.what());
+}
+
 }  // namespace
 
 void bind_solve(py::module_& m) {
+  register_error<InvalidOption, invalid_option_arguments>(m, "InvalidOption");
   using rotavg::Progress;
   py::class_<Progress>(m, "Progress", "One iteration of a solver.")
       .def_readonly("iteration", &Progress::iteration, "Iterations so far; 0 is the initial value.")

@@ -15,7 +15,7 @@ from rotavg.graph import MeasurementGraph
 KINDS = ("complete", "erdos_renyi", "cycle", "grid", "sphere", "band")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Simulation:
     """A simulated measurement graph and what is true about it.
 

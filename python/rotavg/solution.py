@@ -68,7 +68,8 @@ class Certificate:
             optimum, negative where the rotations are refuted, NaN where the work was stopped.
         gap: bound on f(R) - f*, where f* is the global optimum. Rounding is included.
         relative_gap: gap / max(f(R), 1e-6 sum of weights).
-        method: "factorization" (a proof), "eigenvalue" (an estimate) or "none" (was stopped).
+        method: "factorization" (a proof), "eigenvalue" (an estimate), "nonnegativity" (a proof: the
+            objective itself is zero to the tolerance) or "none" (stopped, or not converged).
     """
 
     verdict: Verdict
@@ -78,7 +79,7 @@ class Certificate:
     method: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trace:
     """The course of the iteration, (k + 1,) arrays: the initial value, then k iterations.
 
@@ -195,9 +196,9 @@ class Solution:
         else:
             c = self.certificate
             rows += [
-                ("verdict", c.verdict.sentence),
-                ("gap", f"at most {c.gap:.2g}, relative to the objective {c.relative_gap:.2g}"),
-                ("lambda_min", f"{c.lambda_min:.2g}"),
+                ("verdict", self._verdict_sentence(c)),
+                ("gap", f"at most {c.gap:.2g} above the optimum, relative {c.relative_gap:.2g}"),
+                ("lambda_min", f"{c.lambda_min + 0.0:.2g}"),
             ]
         rows += [
             ("objective", f"{self.objective:.12g}"),
@@ -211,6 +212,15 @@ class Solution:
         if self.num_components > 1:
             rows.append(("components", f"{self.num_components}, each with a gauge of its own"))
         return rows
+
+    def _verdict_sentence(self, c: Certificate) -> str:
+        if c.verdict != Verdict.NOT_CERTIFIED:
+            return c.verdict.sentence
+        if c.method == "none":
+            return "not certified: the work was stopped before the proof"
+        if not self.status.converged:
+            return "not certified: not converged yet"
+        return c.verdict.sentence
 
     def __repr__(self) -> str:
         verdict = "no certificate" if self.certificate is None else str(self.certificate.verdict)

@@ -57,8 +57,10 @@ def solve(
             little.
         max_iterations: limit on the number of sweeps.
         time_limit: limit in seconds on everything together; None for no limit.
-        num_threads: None for all processors. The result has the same bits for any number.
-        callback: called after every iteration with a `Progress`; returning False stops.
+        num_threads: None for all processors. The result has the same bits for any number. (Threads
+            do not survive a fork: use multiprocessing's "spawn" or "forkserver".)
+        callback: called with a `Progress` for the initial value (iteration 0) and after every
+            iteration; returning False stops.
         mu: how "sum" chooses mu: "adaptive", or "min_eigenvalue" as the paper prints it.
         seed: of the "random" initial value.
         certificate_tolerance: the largest relative gap that is called optimal.
@@ -166,18 +168,22 @@ def _call_core(
     graph: MeasurementGraph, function: Callable[..., _Result], *args: Any, **options: Any
 ) -> _Result:
     """Call the core for a graph; it refuses matrices that are no rotations, and unknown options."""
+    if not isinstance(graph, MeasurementGraph):
+        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
     try:
         return function(graph._core, *args, **options)
     except _core.InvalidRotation as error:
         node, reason = error.args
         raise GraphError(f"the matrix of node {graph.nodes[node].item()!r} {reason}") from None
-    except ValueError as error:
+    except _core.InvalidOption as error:
         raise OptionError(str(error)) from None
 
 
 def _node_rotations(
     graph: MeasurementGraph, rotations: ArrayLike, name: str
 ) -> NDArray[np.float64]:
+    if not isinstance(graph, MeasurementGraph):
+        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
     return as_floats(rotations, (graph.num_nodes, 3, 3), name)
 
 

@@ -242,11 +242,10 @@ TEST_CASE("the breadth-first forest has the shortest paths to the first node of 
       if (parent >= 0) {
         REQUIRE(seen[parent]);
         REQUIRE(forest.depth[i] == forest.depth[parent] + 1);
-        REQUIRE(forest.to_child[i]->node == i);
-        const Edge& e = graph.edges()[forest.to_child[i]->edge];
+        const Edge& e = graph.edges()[forest.tree_edge[i]];
         REQUIRE(((e.i == i && e.j == parent) || (e.i == parent && e.j == i)));
       } else {
-        REQUIRE(forest.to_child[i] == nullptr);
+        REQUIRE(forest.tree_edge[i] == -1);
       }
       REQUIRE(!seen[i]);
       seen[i] = true;
@@ -267,8 +266,8 @@ TEST_CASE("an edge closes a cycle of one edge more than the tree path between it
     }
     const Eigen::MatrixXi tree_distance = distances(MeasurementGraph(tree_edges, graph.nodes()));
     std::vector<bool> in_tree(static_cast<std::size_t>(graph.num_edges()), false);
-    for (const HalfEdge* h : forest.to_child) {
-      if (h != nullptr) in_tree[h->edge] = true;
+    for (const Index edge : forest.tree_edge) {
+      if (edge >= 0) in_tree[edge] = true;
     }
     for (Index edge = 0; edge < graph.num_edges(); ++edge) {
       const Edge& e = graph.edges()[edge];

@@ -120,6 +120,13 @@ def test_a_time_limit_leaves_the_verdict_open() -> None:
     assert certificate.gap == pytest.approx(rotavg.objective(graph, R), rel=1e-12)
 
 
+def test_a_fit_without_residuals_is_proved_without_any_work() -> None:
+    graph = rotavg.simulate("sphere", 900, seed=1).graph
+    certificate = rotavg.certify(graph, rotavg.solve(graph).rotations, time_limit=0.0)
+    assert certificate.verdict == "proved"
+    assert certificate.method == "nonnegativity"
+
+
 def test_what_is_not_a_rotation_is_refused() -> None:
     graph = rotavg.simulate("cycle", 4).graph
     with pytest.raises(rotavg.GraphError, match="node 0 is not a rotation"):

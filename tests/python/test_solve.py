@@ -194,6 +194,7 @@ def test_a_callback_sees_every_iteration_and_can_stop() -> None:
     assert [p.iteration for p in seen] == list(range(6))
     assert solution.status is rotavg.Status.STOPPED
     assert not solution.solved
+    assert solution.certificate is not None  # what is left to gain is known all the same
     assert [p.objective for p in seen] == solution.trace.objective.tolist()
     assert "iteration=5" in repr(seen[-1])
 
@@ -201,11 +202,14 @@ def test_a_callback_sees_every_iteration_and_can_stop() -> None:
 def test_an_error_in_a_callback_reaches_the_caller() -> None:
     graph = rotavg.simulate("cycle", 10, noise=0.1, seed=1).graph
 
-    def fail(progress: rotavg.Progress) -> None:
-        raise LookupError("mine")
+    for mine in (LookupError, ValueError, KeyboardInterrupt):
 
-    with pytest.raises(LookupError, match="mine"):
-        rotavg.solve(graph, callback=fail)
+        def fail(progress: rotavg.Progress, error: type[BaseException] = mine) -> None:
+            raise error("mine")
+
+        with pytest.raises(mine, match="mine") as caught:
+            rotavg.solve(graph, callback=fail)
+        assert caught.type is mine
 
 
 def test_limits_are_a_status_not_an_error() -> None:

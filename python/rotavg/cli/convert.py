@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+import numpy as np
 
 import rotavg
 from rotavg.cli import options
@@ -25,7 +26,9 @@ def convert(input_path: Path, output_path: Path, unit_weights: bool, as_json: bo
       rotavg convert graph.g2o graph.csv
     """
     check_writable(output_path)
-    graph = rotavg.read(input_path, unit_weights=unit_weights)
+    graph = rotavg.read(input_path)
+    if unit_weights:
+        graph = graph.with_weights(np.ones(graph.num_edges))
     rotavg.write(output_path, graph)
     if as_json:
         print_json({

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 
 import click
@@ -40,9 +39,6 @@ def run() -> None:
     """Run the command and exit with its status."""
     try:
         status = commands.main(prog_name="rotavg", standalone_mode=False)
-    except click.exceptions.NoArgsIsHelpError as help_text:
-        help_text.show()
-        status = 2
     except click.ClickException as error:
         error.show()
         status = error.exit_code
@@ -52,8 +48,4 @@ def run() -> None:
     except (click.Abort, KeyboardInterrupt):
         click.echo("interrupted", err=True)
         status = INTERRUPTED
-    except BrokenPipeError:
-        # The reader of a pipe has gone; keep Python from complaining when it closes stdout.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        status = 0
-    sys.exit(status)
+    sys.exit(status or 0)

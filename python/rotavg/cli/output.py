@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -18,9 +19,21 @@ import rotavg
 Callback = Optional[Callable[[rotavg.Progress], None]]
 
 
+def print_text(text: str) -> None:
+    """Text on stdout. Where its reader has gone, as in `rotavg info graph.g2o | head -1`, the rest
+    is lost, and that is no error.
+    """
+    try:
+        sys.stdout.write(text + "\n")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # What is left in the buffer must not fail again when Python closes stdout.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def print_json(value: dict[str, Any]) -> None:
     """One JSON object on stdout; numbers that are not finite become null."""
-    click.echo(json.dumps(_finite(value), indent=2, allow_nan=False))
+    print_text(json.dumps(_finite(value), indent=2, allow_nan=False))
 
 
 def _finite(value: Any) -> Any:
@@ -40,7 +53,10 @@ def print_table(rows: Iterable[tuple[str, str]]) -> None:
     table.add_column(overflow="fold")
     for row in rows:
         table.add_row(*row)
-    Console(highlight=False, soft_wrap=not sys.stdout.isatty()).print(table, markup=False)
+    console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
+    with console.capture() as capture:
+        console.print(table, markup=False)
+    print_text("\n".join(line.rstrip() for line in capture.get().splitlines()))
 
 
 def print_notes(graph: rotavg.MeasurementGraph) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import click
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.options import choice, number
-from rotavg.cli.output import print_json, print_notes, progress
+from rotavg.cli.output import print_json, print_notes, print_text, progress
 from rotavg.io import check_writable
 
 
@@ -44,7 +43,7 @@ def solve(
     unit_weights: bool,
     as_json: bool,
     **settings: Any,
-) -> None:
+) -> int:
     """Find the rotations that fit the relative rotations in INPUT best, and certify them.
 
     \b
@@ -68,10 +67,10 @@ def solve(
     if as_json:
         print_json(_summary(solution, read_seconds, time.perf_counter() - start))
     else:
-        click.echo(str(solution))
+        print_text(str(solution))
         if output is not None:
             click.echo(f"wrote {output}", err=True)
-    sys.exit(0 if solution.solved else 1)
+    return 0 if solution.solved else 1
 
 
 def _summary(solution: rotavg.Solution, read: float, total: float) -> dict[str, Any]:

@@ -44,7 +44,7 @@ _ROTATION = [15, 16, 17, 18, 19, 20]
 _LENGTH_WORTH_A_NOTE = 1e-3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class G2oSource:
     """The file as it was, and which of its lines the edges of the graph came from."""
 

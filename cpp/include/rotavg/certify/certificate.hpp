@@ -27,6 +27,7 @@ enum class CertificateMethod {
   none,           ///< stopped before anything was known
   factorization,  ///< sparse Cholesky factorisation of S with a node removed
   eigenvalue,     ///< LOBPCG estimate of the smallest eigenvalue
+  nonnegativity,  ///< f* >= 0, and f(R) is zero to the tolerance
 };
 
 struct CertificateOptions {
@@ -58,16 +59,16 @@ namespace detail {
 
 inline ComponentBound bound_component(const CertificateMatrix& S,
                                       const CertificateOptions& options) {
-  ComponentBound bound;
+  using Outcome = SparseCholesky::Outcome;
   if (S.min_factorization_flops() <= options.max_factorization_flops) {
     const SparseSymmetric grounded = S.lower(1);
     SparseCholesky cholesky(grounded);
     if (cholesky.flops() <= options.max_factorization_flops) {
-      if (bound_by_grounded_factorization(S, cholesky, grounded, options.keep_going, bound)) {
-        return bound;
-      }
-      const bool stopped = !bound.finished;
-      return stopped ? bound : bound_by_shifted_factorization(S, options.keep_going);
+      const Outcome outcome = cholesky.factorize(grounded, 0.0, options.keep_going);
+      if (outcome == Outcome::stopped) return {};
+      return outcome == Outcome::positive_definite
+                 ? bound_by_grounded_factorization(S, cholesky, options.keep_going)
+                 : bound_by_shifted_factorization(S, options.keep_going);
     }
   }
   // S is at least theta on the complement of its null vectors N = R^T / sqrt(n), if LOBPCG met the
@@ -77,7 +78,9 @@ inline ComponentBound bound_component(const CertificateMatrix& S,
   const double theta = pair.value - pair.residual;
   const double epsilon = S.leftover().norm() / std::sqrt(static_cast<double>(S.num_nodes()));
   const double below_zero = 0.5 * (std::hypot(theta, 2.0 * epsilon) - theta);
-  bound.finished = pair.converged || pair.value < 0.0;
+  if (!pair.converged && pair.value > 0.0) return {};
+  ComponentBound bound;
+  bound.evidence = Evidence::estimate;
   bound.gap = below_zero * static_cast<double>(S.size()) + S.rounding_trace();
   bound.lambda_min = pair.value < 0.0 ? pair.value : -below_zero;
   return bound;
@@ -101,39 +104,32 @@ inline Certificate certify(const MeasurementGraph& graph, const Rotations& given
   const Components components = connected_components(graph);
   const double f = objective(graph, R, num_threads);
 
+  Certificate certificate;
+  certificate.lambda_min = std::numeric_limits<double>::infinity();
   double gap = 0.0;
-  double lambda_min = std::numeric_limits<double>::infinity();
-  bool all_rigorous = true;
+  Evidence evidence = Evidence::proof;  // the weakest of all components
   for (Index c = 0; c < components.size(); ++c) {
     if (components.nodes[c].size() < 2) continue;
     const CertificateMatrix S(graph, R, components, c, num_threads);
     const ComponentBound bound = detail::bound_component(S, options);
-    if (!bound.finished) {
-      // All that is left to say is f* >= 0.
-      Certificate unknown;
-      unknown.verdict = Verdict::not_certified;
-      unknown.lambda_min = std::numeric_limits<double>::quiet_NaN();
-      unknown.gap = f;
-      unknown.relative_gap = relative_gap(graph, f, f);
-      return unknown;
-    }
-    all_rigorous = all_rigorous && bound.rigorous;
+    evidence = std::min(evidence, bound.evidence);
     gap += bound.gap;
-    lambda_min = std::min(lambda_min, bound.lambda_min);
+    // A NaN stays.
+    if (!(certificate.lambda_min <= bound.lambda_min)) certificate.lambda_min = bound.lambda_min;
   }
-
-  Certificate certificate;
-  certificate.method =
-      all_rigorous ? CertificateMethod::factorization : CertificateMethod::eigenvalue;
-  certificate.lambda_min = lambda_min;
+  certificate.method = evidence == Evidence::proof      ? CertificateMethod::factorization
+                       : evidence == Evidence::estimate ? CertificateMethod::eigenvalue
+                                                        : CertificateMethod::none;
+  const bool proof = evidence == Evidence::proof;
+  if (!proof && relative_gap(graph, f, f) <= options.tolerance) {
+    certificate.method = CertificateMethod::nonnegativity;
+    gap = f;
+  }
   certificate.gap = std::min(gap, f);  // f* >= 0
   certificate.relative_gap = relative_gap(graph, certificate.gap, f);
-  if (!(certificate.relative_gap <= options.tolerance)) {
-    certificate.verdict = Verdict::not_certified;
-  } else {
-    certificate.verdict =
-        all_rigorous || f <= certificate.gap ? Verdict::proved : Verdict::estimated;
-  }
+  certificate.verdict = !(certificate.relative_gap <= options.tolerance) ? Verdict::not_certified
+                        : certificate.method == CertificateMethod::eigenvalue ? Verdict::estimated
+                                                                              : Verdict::proved;
   return certificate;
 }
 

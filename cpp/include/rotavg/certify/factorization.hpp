@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <limits>
 
 #include <Eigen/Core>
 
@@ -12,12 +13,18 @@
 
 namespace rotavg {
 
+/// How a bound is known.
+enum class Evidence {
+  none,      ///< the work was stopped, or an eigenvalue iteration did not converge
+  estimate,  ///< by an eigenvalue estimate
+  proof,     ///< by a factorisation, rounding included
+};
+
 /// What is known of one component: f(R) - f* <= gap, and the smallest eigenvalue of S.
 struct ComponentBound {
-  bool rigorous = false;  ///< gap holds by a proof, not by an estimate
-  bool finished = false;  ///< false if the caller stopped the work: then gap is only f(R) itself
-  double gap = 0.0;
-  double lambda_min = 0.0;
+  Evidence evidence = Evidence::none;
+  double gap = std::numeric_limits<double>::infinity();
+  double lambda_min = std::numeric_limits<double>::quiet_NaN();
 };
 
 /// The bound from one Cholesky factorisation of S with its first node removed, S_r.
@@ -32,21 +39,16 @@ struct ComponentBound {
 /// and this is Theorem 1; near one, tr Q is what a Newton step would still gain. What rounding can
 /// add, in S and in its factor, is bounded and goes into the gap.
 ///
-/// Writes `bound` and returns true if S_r > 0.
-inline bool bound_by_grounded_factorization(const CertificateMatrix& S, SparseCholesky& cholesky,
-                                            const SparseSymmetric& grounded,
-                                            const std::function<bool()>& keep_going,
-                                            ComponentBound& bound) {
-  const auto outcome = cholesky.factorize(grounded, 0.0, keep_going);
-  if (outcome != SparseCholesky::Outcome::positive_definite) {
-    bound.finished = outcome != SparseCholesky::Outcome::stopped;
-    return false;
-  }
+/// @param cholesky of S_r, factorised and positive definite
+inline ComponentBound bound_by_grounded_factorization(const CertificateMatrix& S,
+                                                      SparseCholesky& cholesky,
+                                                      const std::function<bool()>& keep_going) {
   const Eigen::MatrixXd K = S.leftover();
-  const Eigen::Index rows = grounded.rows();
+  const Eigen::Index rows = cholesky.size();
+  ComponentBound bound;
   const double trace_Q = K.bottomRows(rows).cwiseProduct(cholesky.solve(K.bottomRows(rows))).sum();
   bound.gap = trace_Q + cholesky.rounding_trace() + S.rounding_trace();
-  bound.rigorous = true;
+  bound.evidence = Evidence::proof;
 
   const LinearOperator inverse = [&](const Eigen::MatrixXd& X) {
     Eigen::MatrixXd Y = Eigen::MatrixXd::Zero(X.rows(), X.cols());
@@ -55,8 +57,7 @@ inline bool bound_by_grounded_factorization(const CertificateMatrix& S, SparseCh
   };
   // S >= 0 but for the leftover, so the smallest eigenvalue lies by the null vectors.
   bound.lambda_min = min_eigenvalue(S, orthonormal_null_vectors(S), inverse, keep_going).value;
-  bound.finished = true;
-  return true;
+  return bound;
 }
 
 /// The bound where S is not positive semidefinite: f(R) - f* <= 3 n shift for any shift with
@@ -77,15 +78,16 @@ inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
   const auto gap_at = [&](double shift) {
     return shift * static_cast<double>(S.size()) + cholesky.rounding_trace() + S.rounding_trace();
   };
+  // S + 2 max_degree I > 0 always (Gershgorin), so this ends.
   double shift = std::max(-1.5 * rough, smallest_shift);
-  Outcome outcome = Outcome::not_run;
-  for (; outcome != Outcome::positive_definite; shift *= 4.0) {
+  Outcome outcome = cholesky.factorize(lower, shift, keep_going);
+  while (outcome == Outcome::not_positive_definite && shift <= 4.0 * scale) {
+    shift *= 4.0;
     outcome = cholesky.factorize(lower, shift, keep_going);
-    if (outcome == Outcome::stopped) return bound;
-    if (outcome == Outcome::positive_definite) break;
   }
+  if (outcome != Outcome::positive_definite) return bound;
   bound.gap = gap_at(shift);
-  bound.rigorous = true;
+  bound.evidence = Evidence::proof;
   const LinearOperator inverse = [&](const Eigen::MatrixXd& X) { return cholesky.solve(X); };
   const Eigen::Index block = std::min<Eigen::Index>(4, S.size());
   bound.lambda_min = min_eigenvalue(S, random_start(S.size(), block), inverse, keep_going).value;
@@ -94,7 +96,6 @@ inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
   if (tight < shift && cholesky.factorize(lower, tight, keep_going) == Outcome::positive_definite) {
     bound.gap = std::min(bound.gap, gap_at(tight));
   }
-  bound.finished = true;
   return bound;
 }
 

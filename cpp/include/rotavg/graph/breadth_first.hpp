@@ -13,8 +13,7 @@ struct BreadthFirstForest {
   std::vector<Index> order;   ///< all nodes, parents before children
   std::vector<Index> parent;  ///< (n,) parent of each node, -1 for a root
   std::vector<Index> depth;   ///< (n,) edges between a node and its root
-  std::vector<const HalfEdge*>
-      to_child;  ///< (n,) the parent's view of the tree edge; null for a root
+  std::vector<Index> tree_edge;  ///< (n,) the edge to the parent, -1 for a root
 };
 
 inline BreadthFirstForest breadth_first_forest(const MeasurementGraph& graph) {
@@ -23,7 +22,7 @@ inline BreadthFirstForest breadth_first_forest(const MeasurementGraph& graph) {
   forest.order.reserve(n);
   forest.parent.assign(n, -1);
   forest.depth.assign(n, -1);
-  forest.to_child.assign(n, nullptr);
+  forest.tree_edge.assign(n, -1);
   for (Index root = 0; root < graph.num_nodes(); ++root) {
     if (forest.depth[root] >= 0) continue;
     forest.depth[root] = 0;
@@ -36,7 +35,7 @@ inline BreadthFirstForest breadth_first_forest(const MeasurementGraph& graph) {
         if (forest.depth[j] >= 0) continue;
         forest.depth[j] = forest.depth[i] + 1;
         forest.parent[j] = i;
-        forest.to_child[j] = &h;
+        forest.tree_edge[j] = h.edge;
         forest.order.push_back(j);
       }
     }
@@ -50,10 +49,7 @@ inline Index fundamental_cycle_length(const MeasurementGraph& graph,
                                       const BreadthFirstForest& forest, Index edge) {
   Index i = graph.edges()[edge].i;
   Index j = graph.edges()[edge].j;
-  const auto reached_by = [&](Index node) {
-    return forest.parent[node] >= 0 && forest.to_child[node]->edge == edge;
-  };
-  if (reached_by(i) || reached_by(j)) return 1;
+  if (forest.tree_edge[i] == edge || forest.tree_edge[j] == edge) return 1;
   Index length = 1;
   while (i != j) {  // climb to the lowest common ancestor
     Index& deeper = forest.depth[i] > forest.depth[j] ? i : j;

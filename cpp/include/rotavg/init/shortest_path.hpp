@@ -15,11 +15,10 @@ inline Rotations shortest_path_init(const MeasurementGraph& graph) {
   Rotations R(static_cast<std::size_t>(graph.num_nodes()), Matrix3::Identity());
   for (const Index j : forest.order) {
     if (forest.parent[j] < 0) continue;
-    const HalfEdge& h = *forest.to_child[j];
-    const Matrix3 i_from_j = h.block / graph.edges()[h.edge].weight;
+    const Edge& e = graph.edges()[forest.tree_edge[j]];
+    const Matrix3 parent_from_j = e.j == j ? e.i_from_j : Matrix3(e.i_from_j.transpose());
     // Through a quaternion of length one, so that rounding does not pile up along long paths.
-    const Matrix3 product = R[forest.parent[j]] * i_from_j;
-    R[j] = Eigen::Quaterniond(product).normalized().matrix();
+    R[j] = Eigen::Quaterniond(R[forest.parent[j]] * parent_from_j).normalized().matrix();
   }
   return R;
 }

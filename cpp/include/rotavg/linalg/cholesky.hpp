@@ -4,6 +4,8 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <memory>
+#include <new>
 #include <stdexcept>
 #include <vector>
 
@@ -26,7 +28,8 @@ class SparseCholesky {
   enum class Outcome { not_run, positive_definite, not_positive_definite, stopped };
 
   /// Analyses the pattern: a fill-reducing ordering (AMD) and the size of L.
-  /// @param lower lower triangle of A, compressed; kept by reference to its pattern only here
+  /// @param lower lower triangle of A, compressed; needed only during the call
+  /// @throws std::bad_alloc, or std::length_error where L is too large for its indices
   explicit SparseCholesky(const SparseSymmetric& lower) {
     cholmod_start(&common_);
     common_.supernodal = CHOLMOD_SIMPLICIAL;
@@ -37,8 +40,9 @@ class SparseCholesky {
     cholmod_sparse view = view_of(lower);
     symbolic_ = cholmod_analyze(&view, &common_);
     if (symbolic_ == nullptr) {
+      const int status = common_.status;
       cholmod_finish(&common_);
-      throw std::bad_alloc();
+      throw_error(status);
     }
     flops_ = common_.fl;
   }
@@ -60,36 +64,32 @@ class SparseCholesky {
                     const std::function<bool()>& keep_going) {
     cholmod_free_factor(&factor_, &common_);
     factor_ = cholmod_copy_factor(symbolic_, &common_);
-    cholmod_sparse view = view_of(lower);
-    int* const permutation = static_cast<int*>(symbolic_->Perm);
+    check(factor_ != nullptr);
+    check(cholmod_change_factor(CHOLMOD_REAL, /*to_ll=*/1, /*to_super=*/0, /*to_packed=*/0,
+                                /*to_monotonic=*/1, factor_, &common_));
     // P A P^T, whose upper triangle rowfac reads.
-    cholmod_sparse* transposed = cholmod_ptranspose(&view, 1, permutation, nullptr, 0, &common_);
-    if (factor_ == nullptr || transposed == nullptr) throw std::bad_alloc();
-    cholmod_change_factor(CHOLMOD_REAL, /*to_ll=*/1, /*to_super=*/0, /*to_packed=*/0,
-                          /*to_monotonic=*/1, factor_, &common_);
+    cholmod_sparse view = view_of(lower);
+    const auto free_sparse = [this](cholmod_sparse* A) { cholmod_free_sparse(&A, &common_); };
+    const std::unique_ptr<cholmod_sparse, decltype(free_sparse)> permuted(
+        cholmod_ptranspose(&view, 1, static_cast<int*>(symbolic_->Perm), nullptr, 0, &common_),
+        free_sparse);
+    check(permuted != nullptr);
     double beta[2] = {shift, 0.0};
     const std::size_t n = symbolic_->n;
     // About 10 million operations, a few milliseconds, between two questions.
-    const std::size_t chunk = static_cast<std::size_t>(
+    const auto chunk = static_cast<std::size_t>(
         std::max(1.0, std::min(static_cast<double>(n), 1e7 * static_cast<double>(n) / flops_)));
     Outcome outcome = Outcome::positive_definite;
     for (std::size_t start = 0; start < n && outcome == Outcome::positive_definite;
          start += chunk) {
-      if (keep_going && !keep_going()) {
-        outcome = Outcome::stopped;
-        break;
-      }
+      if (keep_going && !keep_going()) return Outcome::stopped;
       const std::size_t end = std::min(n, start + chunk);
-      const int ok = cholmod_rowfac(transposed, nullptr, beta, start, end, factor_, &common_);
-      if (common_.status == CHOLMOD_OUT_OF_MEMORY) {
-        cholmod_free_sparse(&transposed, &common_);
-        throw std::bad_alloc();
-      }
-      if (!ok || common_.status == CHOLMOD_NOT_POSDEF || factor_->minor < n) {
+      cholmod_rowfac(permuted.get(), nullptr, beta, start, end, factor_, &common_);
+      check(common_.status >= CHOLMOD_OK);
+      if (common_.status == CHOLMOD_NOT_POSDEF || factor_->minor < n) {
         outcome = Outcome::not_positive_definite;
       }
     }
-    cholmod_free_sparse(&transposed, &common_);
     if (outcome == Outcome::positive_definite && !has_positive_diagonal()) {
       outcome = Outcome::not_positive_definite;
     }
@@ -107,7 +107,7 @@ class SparseCholesky {
     view.xtype = CHOLMOD_REAL;
     view.dtype = CHOLMOD_DOUBLE;
     cholmod_dense* X = cholmod_solve(CHOLMOD_A, factor_, &view, &common_);
-    if (X == nullptr) throw std::bad_alloc();
+    check(X != nullptr);
     const Eigen::MatrixXd result =
         Eigen::Map<const Eigen::MatrixXd>(static_cast<double*>(X->x), B.rows(), B.cols());
     cholmod_free_dense(&X, &common_);
@@ -147,6 +147,16 @@ class SparseCholesky {
   }
 
  private:
+  [[noreturn]] static void throw_error(int status) {
+    if (status == CHOLMOD_TOO_LARGE) {
+      throw std::length_error("the Cholesky factor is too large for its indices");
+    }
+    throw std::bad_alloc();
+  }
+  void check(bool succeeded) const {
+    if (!succeeded) throw_error(common_.status);
+  }
+
   /// CHOLMOD lets a NaN pass.
   bool has_positive_diagonal() const {
     const int* const column_start = static_cast<int*>(factor_->p);

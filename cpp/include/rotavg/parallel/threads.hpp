@@ -14,7 +14,7 @@ namespace rotavg {
 /// processors of this process; but only as many as there are thousands of items to work on, as a
 /// thread's wake-up costs more than less work.
 inline int resolve_num_threads(int requested, Index num_items) {
-  constexpr Index worthwhile = 4096;
+  constexpr Index worthwhile = 1024;
 #ifdef _OPENMP
   const int wanted = requested > 0 ? requested : omp_get_num_procs();
 #else

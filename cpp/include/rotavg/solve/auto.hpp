@@ -81,7 +81,8 @@ inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options
   fix_gauge(solution.components, solution.rotations);
   solution.timings.solve = watch.seconds() - solution.timings.init;
 
-  if (options.certify && solution.status != Status::stopped) {
+  const bool interrupted = options.iteration.keep_going && !options.iteration.keep_going();
+  if (options.certify && !interrupted) {
     CertificateOptions certificate = options.certificate;
     certificate.num_threads = options.iteration.num_threads;
     certificate.keep_going = [&] {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <utility>
+
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/objective.hpp>
@@ -22,7 +24,8 @@ namespace rotavg {
 /// @param R the initial value, world_from_i, one rotation per node
 inline IterationResult bcd(const MeasurementGraph& graph, Rotations R,
                            const IterationOptions& options = {}) {
-  Monitor monitor(graph, options);
+  Monitor monitor(graph, R, options);
+  constexpr Index nodes_between_questions = 4096;  // a sweep of a large graph takes a second
   double step = 0.0;
   while (!monitor.should_stop(R, objective(graph, R, monitor.num_threads()), step)) {
     step = 0.0;
@@ -32,9 +35,10 @@ inline IterationResult bcd(const MeasurementGraph& graph, Rotations R,
       const Matrix3 R_l = loso_fast(A_l);            // (11), Algorithm 1
       step += (R_l - R[l]).norm() / R_l.norm();
       R[l] = R_l;
+      if (l % nodes_between_questions == 0 && !monitor.keep_going()) break;
     }
   }
-  return monitor.result(std::move(R));
+  return std::move(monitor).result(std::move(R));
 }
 
 }  // namespace rotavg

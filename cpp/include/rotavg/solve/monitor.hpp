@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cmath>
+#include <stdexcept>
 #include <utility>
 
 #include <rotavg/graph/measurement_graph.hpp>
@@ -14,10 +16,23 @@ namespace rotavg {
 /// whether to stop.
 class Monitor {
  public:
-  Monitor(const MeasurementGraph& graph, const IterationOptions& options)
+  /// @param graph must outlive this object
+  /// @param R the initial value
+  /// @throws std::invalid_argument unless there is one rotation for each node and the options are
+  ///         numbers that are not negative
+  Monitor(const MeasurementGraph& graph, const Rotations& R, IterationOptions options)
       : graph_(graph),
-        options_(options),
-        num_threads_(resolve_num_threads(options.num_threads, graph.num_edges())) {}
+        options_(std::move(options)),
+        num_threads_(resolve_num_threads(options_.num_threads, graph.num_edges())) {
+    const auto require = [](bool holds, const char* what) {
+      if (!holds) throw std::invalid_argument(what);
+    };
+    require(static_cast<Index>(R.size()) == graph.num_nodes(),
+            "the initial value must have one rotation for each node");
+    require(options_.tolerance >= 0.0, "the tolerance must be a number that is not negative");
+    require(options_.max_iterations >= 0, "the iteration limit must not be negative");
+    require(!std::isnan(options_.time_limit), "the time limit must be a number");
+  }
 
   int num_threads() const { return num_threads_; }
 
@@ -47,7 +62,7 @@ class Monitor {
   }
 
   /// The result, with the rotations that should_stop was last shown.
-  IterationResult result(Rotations R) {
+  IterationResult result(Rotations R) && {
     const Progress& last = result_.trace.back();
     result_.rotations = std::move(R);
     result_.iterations = last.iteration;
@@ -74,7 +89,7 @@ class Monitor {
   }
 
   const MeasurementGraph& graph_;
-  const IterationOptions& options_;
+  IterationOptions options_;
   int num_threads_;
   Stopwatch watch_;
   IterationResult result_;

@@ -22,8 +22,10 @@ struct IterationOptions {
   int max_iterations = 20000;
   double time_limit = std::numeric_limits<double>::infinity();  ///< seconds
   int num_threads = 0;                                          ///< 0: all processors
-  ProgressCallback callback;         ///< called after every iteration; false stops
-  std::function<bool()> keep_going;  ///< asked often, in the middle of long steps too; false stops
+  /// Called for the initial value and after every iteration; false stops.
+  ProgressCallback callback;
+  /// Asked after every iteration and in the middle of long ones; false stops.
+  std::function<bool()> keep_going;
 };
 
 /// How SUM (Algorithm 3) chooses mu, which makes B = mu I + Rt convex enough for its upper bound.

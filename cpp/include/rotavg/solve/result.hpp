@@ -8,7 +8,8 @@
 
 namespace rotavg {
 
-/// What every iterative solver returns. All figures are evaluated at `rotations`.
+/// What every iterative solver returns. All figures are evaluated at `rotations`, up to rounding
+/// (the gauge is fixed after them).
 struct IterationResult {
   Rotations rotations;  ///< world_from_i
   Status status = Status::not_run;

@@ -32,7 +32,7 @@ namespace rotavg {
 inline IterationResult sum(const MeasurementGraph& graph, Rotations R,
                            const IterationOptions& options = {},
                            MuRule mu_rule = MuRule::adaptive) {
-  Monitor monitor(graph, options);
+  Monitor monitor(graph, R, options);
   const int num_threads = monitor.num_threads();
   double theta = 0.0, mu = 0.0;
   if (mu_rule == MuRule::min_eigenvalue) {
@@ -68,7 +68,7 @@ inline IterationResult sum(const MeasurementGraph& graph, Rotations R,
     std::swap(R, next);
     f = f_next;
   }
-  return monitor.result(std::move(R));
+  return std::move(monitor).result(std::move(R));
 }
 
 }  // namespace rotavg
