@@ -30,7 +30,8 @@ struct Names<rotavg::Method> {
   static constexpr std::pair<rotavg::Method, const char*> list[] = {
       {rotavg::Method::automatic, "auto"},
       {rotavg::Method::bcd, "bcd"},
-      {rotavg::Method::sum, "sum"}};
+      {rotavg::Method::sum, "sum"},
+      {rotavg::Method::newton, "newton"}};
 };
 
 template <>

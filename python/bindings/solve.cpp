@@ -40,6 +40,7 @@ py::dict solution_dict(const rotavg::Solution& s) {
   result["iterations"] = s.iterations;
   result["trace"] = trace_dict(s.trace);
   result["method"] = name_of(s.method);
+  result["reason"] = s.reason;
   result["init"] = name_of(s.init);
   result["component"] = from_vector(s.components.label);
   result["certificate"] = certificate_dict(s.certificate);

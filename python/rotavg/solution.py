@@ -131,7 +131,8 @@ class Solution:
             what the default stopping rule looks at.
         status: how the solver ended.
         iterations: sweeps over all nodes.
-        method: the method that was used.
+        method: the method that was asked for.
+        reason: what "auto" chose and why, in one line; empty for other methods.
         init: where it started: the name of an initial value, or "given".
         trace: the course of the iteration.
         timings: wall-clock seconds.
@@ -147,6 +148,7 @@ class Solution:
     status: Status
     iterations: int
     method: str
+    reason: str
     init: str
     trace: Trace
     timings: Timings
@@ -207,7 +209,10 @@ class Solution:
                 f"median {median:.3g} deg, 95 % below {high:.3g}, largest {degrees.max():.3g}",
             ),
             ("gradient", f"{self.gradient_norm:.2g}, relative {self.relative_gradient:.2g}"),
-            ("method", f"{self.method} from {self.init}, {self.iterations} iterations"),
+            (
+                "method",
+                f"{self.reason or self.method}; from {self.init}, {self.iterations} iterations",
+            ),
         ]
         if self.num_components > 1:
             rows.append(("components", f"{self.num_components}, each with a gauge of its own"))

@@ -16,7 +16,7 @@ from rotavg.errors import GraphError, OptionError
 from rotavg.graph import MeasurementGraph
 from rotavg.solution import Certificate, Solution, Status, Timings, Trace, Verdict
 
-Method = Literal["auto", "bcd", "sum"]
+Method = Literal["auto", "bcd", "sum", "newton"]
 Init = Literal["auto", "shortest_path", "random"]
 Stop = Literal["gradient", "step"]
 Mu = Literal["adaptive", "min_eigenvalue"]
@@ -47,7 +47,8 @@ def solve(
     Args:
         graph: the measurements.
         method: "bcd" (block coordinate descent, Algorithm 2 of Dong, Xie and Shi 2021), "sum"
-            (successive upper-bound minimisation, Algorithm 3, parallel), or "auto".
+            (successive upper-bound minimisation, Algorithm 3, parallel), "newton" (Newton's method
+            in the metric of the graph Laplacian), or "auto", which watches and chooses.
         init: the initial value: "shortest_path" (Lemma 3), "random", "auto", or rotations
             (n, 3, 3) world_from_node to start from.
         certify: whether to bound the distance from the global optimum.
@@ -102,6 +103,7 @@ def solve(
         status=Status[core["status"].upper()],
         iterations=core["iterations"],
         method=core["method"],
+        reason=core["reason"],
         init=core["init"] if start is None else "given",
         trace=Trace(**{name: read_only(values) for name, values in core["trace"].items()}),
         timings=Timings(**core["seconds"]),

@@ -8,9 +8,9 @@
 #include <doctest/doctest.h>
 
 #include <rotavg/graph/components.hpp>
+#include <rotavg/init/shortest_path.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/gauge.hpp>
-#include <rotavg/init/shortest_path.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/problem/laplacian_metric.hpp>
@@ -261,7 +261,8 @@ TEST_CASE("the Hessian is the symmetrised derivative of the gradient, and 4 L wi
   Random random;
   INFO(random.replay());
   for (const double noise : {0.0, 0.3, 2.0}) {
-    const MeasurementGraph graph(test::simulate(random, test::random_connected(random, 7, 8), noise));
+    const MeasurementGraph graph(
+        test::simulate(random, test::random_connected(random, 7, 8), noise));
     const Rotations R = random.rotations(7);
     const Hessian hessian(graph, R, 1);
     // Along a geodesic the second derivative of f is w . H w.
@@ -292,7 +293,8 @@ TEST_CASE("the Hessian is the symmetrised derivative of the gradient, and 4 L wi
     LaplacianMetric metric(graph, components);
     REQUIRE(metric.factorize({}) == SparseCholesky::Outcome::positive_definite);
     w.row(0).setZero();
-    const NodeVectors back = metric.apply(NodeVectors(4.0 * apply_laplacian(graph, components, 0, w)));
+    const NodeVectors back =
+        metric.apply(NodeVectors(4.0 * apply_laplacian(graph, components, 0, w)));
     CHECK((back - w).norm() <= 1e-12 * w.norm());
   }
 }

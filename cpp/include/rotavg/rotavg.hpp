@@ -14,12 +14,16 @@
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/gauge.hpp>
 #include <rotavg/problem/gradient.hpp>
+#include <rotavg/problem/hessian.hpp>
+#include <rotavg/problem/laplacian_metric.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/loso.hpp>
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/so3/random.hpp>
 #include <rotavg/solve/auto.hpp>
+#include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/bcd.hpp>
+#include <rotavg/solve/newton.hpp>
 #include <rotavg/solve/sum.hpp>
 #include <rotavg/version.hpp>

@@ -21,7 +21,7 @@ from rotavg.io import check_writable
 )
 @click.argument("input_path", metavar="INPUT", type=options.PATH)
 @click.option("-o", "--output", type=options.PATH, help="Write a .g2o, .txt, .csv or .npz file.")
-@choice("--method", ["auto", "bcd", "sum"], "auto", "Solver.")
+@choice("--method", ["auto", "bcd", "sum", "newton"], "auto", "Solver.")
 @choice("--init", ["auto", "shortest_path", "random"], "auto", "Initial value.")
 @click.option("--seed", type=click.IntRange(0), default=0, help="Seed of --init random.")
 @number("--tolerance", click.FloatRange(0), 1e-9, "Stop when the gradient (or step) is below this.")
@@ -80,6 +80,7 @@ def _summary(solution: rotavg.Solution, read: float, total: float) -> dict[str, 
         "edges": solution.graph.num_edges,
         "components": solution.num_components,
         "method": solution.method,
+        "reason": solution.reason,
         "init": solution.init,
         "status": solution.status.name.lower(),
         "solved": solution.solved,

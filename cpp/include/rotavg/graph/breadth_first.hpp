@@ -10,9 +10,9 @@ namespace rotavg {
 /// A breadth-first forest: every node's parent on a shortest path to the first node of its
 /// component.
 struct BreadthFirstForest {
-  std::vector<Index> order;   ///< all nodes, parents before children
-  std::vector<Index> parent;  ///< (n,) parent of each node, -1 for a root
-  std::vector<Index> depth;   ///< (n,) edges between a node and its root
+  std::vector<Index> order;      ///< all nodes, parents before children
+  std::vector<Index> parent;     ///< (n,) parent of each node, -1 for a root
+  std::vector<Index> depth;      ///< (n,) edges between a node and its root
   std::vector<Index> tree_edge;  ///< (n,) the edge to the parent, -1 for a root
 };
 

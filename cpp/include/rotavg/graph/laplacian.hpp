@@ -73,8 +73,7 @@ inline double algebraic_connectivity(const MeasurementGraph& graph, const Compon
   double max_degree = 0.0;
   for (const Index i : nodes) max_degree = std::max(max_degree, graph.degree(i));
 
-  const SparseSymmetric grounded =
-      grounded_laplacian(graph, {nodes.begin() + 1, nodes.end()});
+  const SparseSymmetric grounded = grounded_laplacian(graph, {nodes.begin() + 1, nodes.end()});
   SparseCholesky cholesky(grounded);
   constexpr double max_flops = 2e10;
   const bool factorized =

@@ -14,7 +14,8 @@ namespace rotavg {
 /// One vector per node, n x 3, row by row: gradients, and steps R_i <- exp(w_i) R_i.
 using NodeVectors = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
-/// The Riemannian Hessian of f (3) in the global frame, R_i <- exp(w_i) R_i. With E_ij = R_i R_ij R_j^T,
+/// The Riemannian Hessian of f (3) in the global frame, R_i <- exp(w_i) R_i. With E_ij = R_i R_ij
+/// R_j^T,
 ///
 ///     (H w)_i = sum_j 2 w_ij [ (tr(E_ij) I - sym E_ij) w_i - (tr(E_ij) I - E_ij^T) w_j ].
 ///

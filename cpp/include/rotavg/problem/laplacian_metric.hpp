@@ -13,8 +13,8 @@
 
 namespace rotavg {
 
-/// (4 L)^-1 with L the scalar graph Laplacian, the first node of every component held: the metric in
-/// which f is nearly round, factored once.
+/// (4 L)^-1 with L the scalar graph Laplacian, the first node of every component held: the metric
+/// in which f is nearly round, factored once.
 class LaplacianMetric {
  public:
   /// Analyses; factorize() does the work.

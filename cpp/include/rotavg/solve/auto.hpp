@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <utility>
 
 #include <rotavg/certify/certificate.hpp>
@@ -11,7 +12,9 @@
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/gauge.hpp>
+#include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/bcd.hpp>
+#include <rotavg/solve/newton.hpp>
 #include <rotavg/solve/options.hpp>
 #include <rotavg/solve/result.hpp>
 #include <rotavg/solve/sum.hpp>
@@ -20,8 +23,9 @@ namespace rotavg {
 
 enum class Method {
   automatic,
-  bcd,  ///< block coordinate descent, Algorithm 2
-  sum,  ///< successive upper-bound minimisation, Algorithm 3
+  bcd,     ///< block coordinate descent, Algorithm 2
+  sum,     ///< successive upper-bound minimisation, Algorithm 3
+  newton,  ///< Newton's method in the metric of the graph Laplacian
 };
 
 enum class Initialization {
@@ -47,7 +51,8 @@ struct Timings {
 };
 
 struct Solution : IterationResult {
-  Method method = Method::automatic;  ///< the one that was chosen
+  Method method = Method::automatic;  ///< the one that was asked for
+  std::string reason;                 ///< what Method::automatic chose and why, in one line
   Initialization init = Initialization::automatic;
   Certificate certificate;
   Components components;
@@ -64,7 +69,7 @@ inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options
   const Stopwatch watch;
   Solution solution;
   solution.components = connected_components(graph);
-  solution.method = options.method == Method::automatic ? Method::bcd : options.method;
+  solution.method = options.method;
   solution.init =
       options.init == Initialization::automatic ? Initialization::shortest_path : options.init;
 
@@ -75,9 +80,20 @@ inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options
 
   IterationOptions iteration = options.iteration;
   iteration.time_limit -= watch.seconds();
-  static_cast<IterationResult&>(solution) = solution.method == Method::sum
-                                                ? sum(graph, std::move(R), iteration, options.mu)
-                                                : bcd(graph, std::move(R), iteration);
+  static_cast<IterationResult&>(solution) = [&] {
+    switch (options.method) {
+      case Method::bcd:
+        return bcd(graph, std::move(R), iteration);
+      case Method::sum:
+        return sum(graph, std::move(R), iteration, options.mu);
+      case Method::newton:
+        return newton(graph, std::move(R), iteration);
+      case Method::automatic:
+        break;
+    }
+    return solve_automatically(graph, solution.components, std::move(R), iteration,
+                               solution.reason);
+  }();
   fix_gauge(solution.components, solution.rotations);
   solution.timings.solve = watch.seconds() - solution.timings.init;
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 #include <string>
@@ -32,11 +33,13 @@ inline void append(IterationResult& first, IterationResult second) {
 
 /// Newton's method or block coordinate descent, whichever the graph asks for:
 ///
-/// - On sparse graphs the Laplacian factors at little cost and Newton's method needs some ten steps:
+/// - On sparse graphs the Laplacian factors at little cost and Newton's method needs some ten
+/// steps:
 ///   it is taken at once.
-/// - On dense graphs a few sweeps of coordinate descent do, and a factorisation would cost more than
-///   all of them. The sweeps are watched; if at their rate many more would be needed, Newton's method
-///   takes over, unless the Laplacian is too large to factor.
+/// - On dense graphs a few sweeps of coordinate descent do, and a factorisation would cost more
+/// than
+///   all of them. The sweeps are watched; if at their rate many more would be needed, Newton's
+///   method takes over, unless the Laplacian is too large to factor.
 ///
 /// @param reason one line on what was chosen and why
 inline IterationResult solve_automatically(const MeasurementGraph& graph,
@@ -69,8 +72,8 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   IterationOptions watched = options;
   watched.callback = [&](const Progress& progress) {
     if (options.callback && !options.callback(progress)) return false;
-    const double rate = progress.iteration >= 2 ? std::sqrt(progress.relative_gradient / before_last)
-                                                : 0.0;
+    const double rate =
+        progress.iteration >= 2 ? std::sqrt(progress.relative_gradient / before_last) : 0.0;
     before_last = std::exchange(last, progress.relative_gradient);
     if (progress.iteration < probed_sweeps || options.stop != StopRule::gradient) return true;
     const double sweeps = std::log(options.tolerance / last) / std::log(rate);

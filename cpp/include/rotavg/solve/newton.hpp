@@ -8,8 +8,8 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/hessian.hpp>
-#include <rotavg/problem/objective.hpp>
 #include <rotavg/problem/laplacian_metric.hpp>
+#include <rotavg/problem/objective.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/solve/bcd.hpp>
 #include <rotavg/solve/monitor.hpp>
@@ -21,10 +21,10 @@ namespace rotavg {
 namespace detail {
 
 /// An approximate solution w of H w = -g by conjugate gradients with the preconditioner P (Steihaug
-/// 1983 without a radius): stops at |r|_P <= forcing |g|_P, and where the curvature is not positive.
-/// The first step alone is the Laplacian descent direction.
-inline NodeVectors newton_direction(const Hessian& H, LaplacianMetric& P,
-                                    const NodeVectors& g, double forcing, int max_steps) {
+/// 1983 without a radius): stops at |r|_P <= forcing |g|_P, and where the curvature is not
+/// positive. The first step alone is the Laplacian descent direction.
+inline NodeVectors newton_direction(const Hessian& H, LaplacianMetric& P, const NodeVectors& g,
+                                    double forcing, int max_steps) {
   NodeVectors w = NodeVectors::Zero(g.rows(), 3);
   NodeVectors r = g;  // H w + g
   NodeVectors z = P.apply(r);
@@ -61,7 +61,7 @@ inline IterationResult newton(const MeasurementGraph& graph, Rotations R, Laplac
   constexpr int max_cg_steps = 50;
   constexpr int max_halvings = 40;
   constexpr double sufficient = 1e-4;
-  Monitor monitor(graph, options);
+  Monitor monitor(graph, R, options);
   const int num_threads = monitor.num_threads();
   // Weights so far apart that L is singular to rounding leave no metric to descend in.
   const auto outcome = metric.factorize([&] { return monitor.keep_going(); });
@@ -78,8 +78,7 @@ inline IterationResult newton(const MeasurementGraph& graph, Rotations R, Laplac
     for (Index i = 0; i < graph.num_nodes(); ++i) g.row(i) = gradients[i].transpose();
     hessian.update(R);
     const double forcing = std::min(0.1, std::sqrt(monitor.relative_gradient()));
-    const NodeVectors w =
-        detail::newton_direction(hessian, metric, g, forcing, max_cg_steps);
+    const NodeVectors w = detail::newton_direction(hessian, metric, g, forcing, max_cg_steps);
     const double slope = g.cwiseProduct(w).sum();
 
     double t = 1.0, f_next = f;
@@ -89,7 +88,11 @@ inline IterationResult newton(const MeasurementGraph& graph, Rotations R, Laplac
       });
       f_next = objective(graph, next, num_threads);
       if (f_next <= f + sufficient * t * slope + objective_rounding(graph, f)) break;
-      if (k == max_halvings) { next = R; f_next = f; break; }
+      if (k == max_halvings) {
+        next = R;
+        f_next = f;
+        break;
+      }
     }
     double change2 = 0.0;
     for (Index i = 0; i < graph.num_nodes(); ++i) change2 += (next[i] - R[i]).squaredNorm();
@@ -97,7 +100,7 @@ inline IterationResult newton(const MeasurementGraph& graph, Rotations R, Laplac
     std::swap(R, next);
     f = f_next;
   }
-  return monitor.result(std::move(R));
+  return std::move(monitor).result(std::move(R));
 }
 
 /// The same with a metric of its own.
