@@ -65,9 +65,9 @@ class Certificate:
     Attributes:
         verdict: "proved" or "estimated" where `relative_gap` is below the tolerance.
         lambda_min: smallest eigenvalue of Lambda - Rt, Lambda symmetrised; zero to rounding at the
-            optimum, negative where the rotations are refuted, NaN where the work was stopped.
+            optimum, negative where the rotations are refuted, NaN where it is not known.
         gap: bound on f(R) - f*, where f* is the global optimum. Rounding is included.
-        relative_gap: gap / max(f(R), 1e-6 sum of weights).
+        relative_gap: gap / max(f, 1e-6 sum of weights), of the worst component.
         method: "factorization" (a proof), "eigenvalue" (an estimate), "nonnegativity" (a proof: the
             objective itself is zero to the tolerance) or "none" (stopped, or not converged).
     """
@@ -86,7 +86,7 @@ class Trace:
     Attributes:
         objective: f, equation (3).
         gradient_norm: Euclidean norm of the gradient over all nodes, per radian.
-        relative_gradient: degree-weighted RMS of |gradient of node i| / degree of i, in radians.
+        relative_gradient: largest |gradient of node i| / degree of i, in radians.
         step: the paper's relative step.
         seconds: since the solver started.
     """
@@ -127,7 +127,7 @@ class Solution:
             component has the identity.
         objective: f = sum of w |R_i R_ij - R_j|_F^2, equation (3).
         gradient_norm: Euclidean norm of the gradient, per radian.
-        relative_gradient: degree-weighted RMS of |gradient of node i| / degree of i, in radians:
+        relative_gradient: largest |gradient of node i| / degree of i, in radians:
             what the default stopping rule looks at.
         status: how the solver ended.
         iterations: sweeps over all nodes.

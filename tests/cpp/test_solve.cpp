@@ -72,14 +72,20 @@ TEST_CASE("a warm start and a random start are used as such") {
   CHECK(random_start.certificate.verdict == Verdict::not_certified);
 }
 
-TEST_CASE("a run that is stopped is not certified, and one without a certificate says not run") {
+TEST_CASE("a run that a callback stops is certified, an interrupted one is not") {
   Random random;
   INFO(random.replay());
   const MeasurementGraph graph = simulate_graph(random, test::complete(10), 0.2);
   SolveOptions options;
   options.iteration.callback = [](const Progress&) { return false; };
   CHECK(solve(graph, options).status == Status::stopped);
-  CHECK(solve(graph, options).certificate.verdict == Verdict::not_run);
+  CHECK(solve(graph, options).certificate.verdict == Verdict::not_certified);
+  CHECK(solve(graph, options).certificate.method == CertificateMethod::factorization);
+
+  SolveOptions interrupted;
+  interrupted.iteration.keep_going = [] { return false; };
+  CHECK(solve(graph, interrupted).status == Status::stopped);
+  CHECK(solve(graph, interrupted).certificate.verdict == Verdict::not_run);
 
   SolveOptions out_of_time;
   out_of_time.iteration.time_limit = 0.0;

@@ -97,7 +97,7 @@ def test_points_near_the_optimum_are_not_proved_beyond_the_tolerance(distance: f
 
 def test_the_tolerance_is_the_users() -> None:
     graph = rotavg.simulate("sphere", 400, noise=0.1, seed=1).graph
-    early = rotavg.solve(graph, max_iterations=60)
+    early = rotavg.solve(graph, method="bcd", max_iterations=60)
     assert early.certificate is not None
     gap = early.certificate.relative_gap
     assert rotavg.certify(graph, early.rotations, tolerance=1.01 * gap).verdict == "proved"

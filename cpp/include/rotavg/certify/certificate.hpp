@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <vector>
 
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/certify/factorization.hpp>
@@ -23,11 +24,12 @@ enum class Verdict {
   not_certified,  ///< the gap is above the tolerance, or unknown
 };
 
+/// How the gap is known; of several components, the weakest.
 enum class CertificateMethod {
-  none,           ///< stopped before anything was known
   factorization,  ///< sparse Cholesky factorisation of S with a node removed
-  eigenvalue,     ///< LOBPCG estimate of the smallest eigenvalue
   nonnegativity,  ///< f* >= 0, and f(R) is zero to the tolerance
+  eigenvalue,     ///< LOBPCG estimate of the smallest eigenvalue
+  none,           ///< stopped, or not converged, before anything was known
 };
 
 struct CertificateOptions {
@@ -46,16 +48,39 @@ struct Certificate {
   Verdict verdict = Verdict::not_run;
   CertificateMethod method = CertificateMethod::none;
   /// Smallest eigenvalue of S = Lambda - Rt, Lambda symmetrised; zero to rounding at the optimum.
-  /// NaN if the work was stopped before it was known.
+  /// NaN where it is not known: the work was stopped, or the iteration did not converge.
   double lambda_min = 0.0;
   /// f(R) - f* <= gap, over all components.
   double gap = std::numeric_limits<double>::infinity();
-  /// gap / max(f(R), 1e-6 sum w). Below a root mean square residual of 1e-3 the criterion is
-  /// absolute: rounding alone keeps any proof from resolving smaller objectives.
+  /// The largest gap / max(f, 1e-6 sum w) of a component. Below a root mean square residual of 1e-3
+  /// the criterion is absolute: rounding alone keeps any proof from resolving smaller objectives.
   double relative_gap = std::numeric_limits<double>::infinity();
 };
 
 namespace detail {
+
+/// What the gap of one component is held against.
+struct Measure {
+  double objective = 0.0;  ///< its part of f(R), plus what rounding can have taken away
+  double weight = 0.0;     ///< its part of sum w
+
+  double relative(double gap) const { return gap / std::max(objective, 1e-6 * weight); }
+};
+
+inline Measure measure_component(const MeasurementGraph& graph, const Rotations& R,
+                                 const std::vector<Index>& nodes) {
+  Measure measure;
+  for (const Index i : nodes) {
+    for (const HalfEdge& h : graph.row(i)) {
+      const Edge& e = graph.edges()[h.edge];
+      if (e.i != i) continue;  // each edge once
+      measure.objective += e.weight * residual(e, R).squaredNorm();
+      measure.weight += e.weight;
+    }
+  }
+  measure.objective += objective_rounding(measure.weight, measure.objective);
+  return measure;
+}
 
 inline ComponentBound bound_component(const CertificateMatrix& S,
                                       const CertificateOptions& options) {
@@ -78,8 +103,11 @@ inline ComponentBound bound_component(const CertificateMatrix& S,
   const double theta = pair.value - pair.residual;
   const double epsilon = S.leftover().norm() / std::sqrt(static_cast<double>(S.num_nodes()));
   const double below_zero = 0.5 * (std::hypot(theta, 2.0 * epsilon) - theta);
-  if (!pair.converged && pair.value > 0.0) return {};
   ComponentBound bound;
+  if (!pair.converged) {  // a negative Rayleigh quotient refutes R all the same
+    if (pair.value < 0.0) bound.lambda_min = pair.value;
+    return bound;
+  }
   bound.evidence = Evidence::estimate;
   bound.gap = below_zero * static_cast<double>(S.size()) + S.rounding_trace();
   bound.lambda_min = pair.value < 0.0 ? pair.value : -below_zero;
@@ -87,11 +115,6 @@ inline ComponentBound bound_component(const CertificateMatrix& S,
 }
 
 }  // namespace detail
-
-/// gap / max(f, 1e-6 sum w), as Certificate::relative_gap says.
-inline double relative_gap(const MeasurementGraph& graph, double gap, double f) {
-  return gap / std::max(f, 1e-6 * graph.total_weight());
-}
 
 /// Certifies rotations, whether a solver of this library found them or not.
 ///
@@ -102,31 +125,29 @@ inline Certificate certify(const MeasurementGraph& graph, const Rotations& given
   const Rotations R = checked_rotations(graph, given);
   const int num_threads = resolve_num_threads(options.num_threads, graph.num_edges());
   const Components components = connected_components(graph);
-  const double f = objective(graph, R, num_threads);
 
   Certificate certificate;
+  certificate.gap = certificate.relative_gap = 0.0;
   certificate.lambda_min = std::numeric_limits<double>::infinity();
-  double gap = 0.0;
-  Evidence evidence = Evidence::proof;  // the weakest of all components
+  certificate.method = CertificateMethod::factorization;
   for (Index c = 0; c < components.size(); ++c) {
     if (components.nodes[c].size() < 2) continue;
     const CertificateMatrix S(graph, R, components, c, num_threads);
     const ComponentBound bound = detail::bound_component(S, options);
-    evidence = std::min(evidence, bound.evidence);
-    gap += bound.gap;
+    const detail::Measure measure = detail::measure_component(graph, R, components.nodes[c]);
+    // f* >= 0 is a bound as well, and a proof where nothing is left to gain.
+    const double gap = std::min(bound.gap, measure.objective);
+    const bool nothing_left = measure.relative(measure.objective) <= options.tolerance;
+    const auto method = bound.evidence == Evidence::proof      ? CertificateMethod::factorization
+                        : nothing_left                         ? CertificateMethod::nonnegativity
+                        : bound.evidence == Evidence::estimate ? CertificateMethod::eigenvalue
+                                                               : CertificateMethod::none;
+    certificate.method = std::max(certificate.method, method);
+    certificate.gap += gap;
+    certificate.relative_gap = std::max(certificate.relative_gap, measure.relative(gap));
     // A NaN stays.
     if (!(certificate.lambda_min <= bound.lambda_min)) certificate.lambda_min = bound.lambda_min;
   }
-  certificate.method = evidence == Evidence::proof      ? CertificateMethod::factorization
-                       : evidence == Evidence::estimate ? CertificateMethod::eigenvalue
-                                                        : CertificateMethod::none;
-  const bool proof = evidence == Evidence::proof;
-  if (!proof && relative_gap(graph, f, f) <= options.tolerance) {
-    certificate.method = CertificateMethod::nonnegativity;
-    gap = f;
-  }
-  certificate.gap = std::min(gap, f);  // f* >= 0
-  certificate.relative_gap = relative_gap(graph, certificate.gap, f);
   certificate.verdict = !(certificate.relative_gap <= options.tolerance) ? Verdict::not_certified
                         : certificate.method == CertificateMethod::eigenvalue ? Verdict::estimated
                                                                               : Verdict::proved;

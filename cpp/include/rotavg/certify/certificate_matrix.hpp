@@ -81,11 +81,13 @@ class CertificateMatrix {
     return K;
   }
 
-  /// A bound on what rounding in Lambda and in the blocks of Rt adds to tr(S Y) for feasible Y.
+  /// A bound on what rounding in Lambda, in the leftover and in the blocks of Rt adds to tr(S Y)
+  /// for feasible Y: at a node with q edges, q + 10 roundings of nine entries of size deg, eight
+  /// times over for what multiplies them.
   double rounding_trace() const {
     constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
     double sum = 0.0;
-    for (const Index i : nodes_) sum += 12.0 * (graph_.row(i).size() + 10) * graph_.degree(i);
+    for (const Index i : nodes_) sum += 72.0 * (graph_.row(i).size() + 10) * graph_.degree(i);
     return unit * sum;
   }
 

@@ -27,6 +27,10 @@ struct ComponentBound {
   double lambda_min = std::numeric_limits<double>::quiet_NaN();
 };
 
+inline double value_or_nan(const Eigenpair& pair) {
+  return pair.converged ? pair.value : std::numeric_limits<double>::quiet_NaN();
+}
+
 /// The bound from one Cholesky factorisation of S with its first node removed, S_r.
 ///
 /// Split any x as R^T c + z, with z zero at the first node, and let K = S R^T be the leftover of
@@ -36,8 +40,11 @@ struct ComponentBound {
 ///
 /// so S plus a block that is similar to Q on the diagonal at the first node is positive
 /// semidefinite, and by duality, as Y_ii = I in (6), f(R) - f* <= tr Q. At a stationary point Q = 0
-/// and this is Theorem 1; near one, tr Q is what a Newton step would still gain. What rounding can
-/// add, in S and in its factor, is bounded and goes into the gap.
+/// and this is Theorem 1; near one, tr Q is what a Newton step would still gain.
+///
+/// Rounding goes into the gap. The factor is that of S_r + E with |z^T E z| <= z^T D z for a
+/// diagonal D; over the feasible set each block of z, x_i - R_i^T c, is at most twice as long as
+/// x_i, whose square is one: that makes 4 tr D.
 ///
 /// @param cholesky of S_r, factorised and positive definite
 inline ComponentBound bound_by_grounded_factorization(const CertificateMatrix& S,
@@ -47,16 +54,18 @@ inline ComponentBound bound_by_grounded_factorization(const CertificateMatrix& S
   const Eigen::Index rows = cholesky.size();
   ComponentBound bound;
   const double trace_Q = K.bottomRows(rows).cwiseProduct(cholesky.solve(K.bottomRows(rows))).sum();
-  bound.gap = trace_Q + cholesky.rounding_trace() + S.rounding_trace();
+  bound.gap = std::max(trace_Q, 0.0) + 4.0 * cholesky.rounding_trace() + S.rounding_trace();
   bound.evidence = Evidence::proof;
 
   const LinearOperator inverse = [&](const Eigen::MatrixXd& X) {
     Eigen::MatrixXd Y = Eigen::MatrixXd::Zero(X.rows(), X.cols());
+    Y.topRows<3>() = X.topRows<3>() / S.max_degree();
     Y.bottomRows(rows) = cholesky.solve(X.bottomRows(rows));
     return Y;
   };
   // S >= 0 but for the leftover, so the smallest eigenvalue lies by the null vectors.
-  bound.lambda_min = min_eigenvalue(S, orthonormal_null_vectors(S), inverse, keep_going).value;
+  bound.lambda_min =
+      value_or_nan(min_eigenvalue(S, orthonormal_null_vectors(S), inverse, keep_going));
   return bound;
 }
 
@@ -79,7 +88,7 @@ inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
     return shift * static_cast<double>(S.size()) + cholesky.rounding_trace() + S.rounding_trace();
   };
   // S + 2 max_degree I > 0 always (Gershgorin), so this ends.
-  double shift = std::max(-1.5 * rough, smallest_shift);
+  double shift = std::max(smallest_shift, -1.5 * rough);
   Outcome outcome = cholesky.factorize(lower, shift, keep_going);
   while (outcome == Outcome::not_positive_definite && shift <= 4.0 * scale) {
     shift *= 4.0;
@@ -90,10 +99,12 @@ inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
   bound.evidence = Evidence::proof;
   const LinearOperator inverse = [&](const Eigen::MatrixXd& X) { return cholesky.solve(X); };
   const Eigen::Index block = std::min<Eigen::Index>(4, S.size());
-  bound.lambda_min = min_eigenvalue(S, random_start(S.size(), block), inverse, keep_going).value;
+  bound.lambda_min =
+      value_or_nan(min_eigenvalue(S, random_start(S.size(), block), inverse, keep_going));
 
-  const double tight = std::max(-bound.lambda_min * (1.0 + 1e-6), 0.0) + smallest_shift;
-  if (tight < shift && cholesky.factorize(lower, tight, keep_going) == Outcome::positive_definite) {
+  const double tight = std::max(0.0, -bound.lambda_min * (1.0 + 1e-6)) + smallest_shift;
+  if (bound.lambda_min < 0.0 && tight < shift &&
+      cholesky.factorize(lower, tight, keep_going) == Outcome::positive_definite) {
     bound.gap = std::min(bound.gap, gap_at(tight));
   }
   return bound;

@@ -53,7 +53,7 @@ inline Eigenpair min_eigenvalue(const CertificateMatrix& S, const Eigen::MatrixX
   LobpcgOptions options;
   options.tolerance = 1e-12 * S.max_degree();
   options.value_tolerance = 1e-14 * S.max_degree();
-  options.max_iterations = 100;
+  options.max_iterations = 300;
   options.keep_going = keep_going;
   return smallest_eigenpair([&](const Eigen::MatrixXd& X) { return S.apply(X); }, preconditioner,
                             start, Eigen::MatrixXd(S.size(), 0), options);
@@ -66,8 +66,9 @@ inline Eigenpair min_eigenvalue_on_complement(const CertificateMatrix& S,
                                               const std::function<bool()>& keep_going,
                                               double relative_tolerance, int max_iterations) {
   LobpcgOptions options;
-  options.tolerance = 1e-9 * S.max_degree();
+  options.tolerance = 0.0;
   options.relative_tolerance = relative_tolerance;
+  options.min_iterations = 10;
   options.max_iterations = max_iterations;
   options.keep_going = keep_going;
   const Eigen::Index block = std::min<Eigen::Index>(4, S.size() - 3);

@@ -38,7 +38,7 @@ class InvalidEdge : public std::invalid_argument {
 /// How far max |R^T R - I| may be from zero: more than text with four digits loses.
 constexpr double max_orthogonality_error = 1e-3;
 /// Up to here a matrix is taken as it is; beyond, it is replaced by the nearest rotation.
-constexpr double negligible_orthogonality_error = 1e-14;
+constexpr double negligible_orthogonality_error = 2e-15;
 /// Weights beyond these bounds would overflow or vanish in the sums.
 constexpr double min_weight = 1e-100;
 constexpr double max_weight = 1e100;

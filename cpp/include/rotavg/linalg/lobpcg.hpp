@@ -24,6 +24,7 @@ struct LobpcgOptions {
   /// Stop when theta has fallen by no more than this over two iterations. Only a preconditioner
   /// close to the inverse makes that safe.
   double value_tolerance = -std::numeric_limits<double>::infinity();
+  int min_iterations = 0;  ///< a start may look converged by accident
   int max_iterations = 500;
   std::function<bool()> keep_going;  ///< asked every iteration; false stops
 };
@@ -35,7 +36,7 @@ struct Eigenpair {
   Eigen::VectorXd vector;
   double residual = 0.0;
   int iterations = 0;
-  bool converged = false;
+  bool converged = false;  ///< to a tolerance of the options, value_tolerance included
 };
 
 /// Entries uniform in [-1, 1): a start for an eigenvalue iteration, the same bits every time.
@@ -125,9 +126,11 @@ inline Eigenpair smallest_eigenpair(const LinearOperator& A, const LinearOperato
     best.vector = X.col(0);
     best.residual = residual.col(0).norm();
     best.iterations = iteration;
-    best.converged = detail::meets(options, best);
     const bool exhausted = V.cols() >= rows - constraints.cols();
-    if (best.converged || exhausted || idle == 2 || iteration >= options.max_iterations) break;
+    const bool settled = idle >= 2 || exhausted;
+    const bool enough = settled || iteration >= options.min_iterations;
+    best.converged = enough && (settled || detail::meets(options, best));
+    if (best.converged || iteration >= options.max_iterations) break;
     if (options.keep_going && !options.keep_going()) break;
     W = project(T ? T(residual) : residual);
   }
@@ -136,7 +139,7 @@ inline Eigenpair smallest_eigenpair(const LinearOperator& A, const LinearOperato
   const MatrixXd Ax = project(A(x));
   best.value = best.vector.dot(Ax.col(0));
   best.residual = (Ax - best.value * x).norm();
-  best.converged = detail::meets(options, best);
+  best.converged = best.converged || detail::meets(options, best);
   return best;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -41,33 +42,31 @@ inline std::vector<Vector3> gradient(const MeasurementGraph& graph, const Rotati
 /// Size of a gradient, absolutely and relative to the graph.
 struct GradientNorm {
   double absolute = 0.0;  ///< |g|_2 over all nodes, in units of the objective per radian
-  /// sqrt( sum |g_l|^2 / deg_l ) / sqrt( sum deg_l ): the root mean square, weighted by degree, of
-  /// g_l / deg_l. It is in radians, and the same when all weights are scaled or a graph is doubled.
+  /// max |g_l| / deg_l, in radians: about four times the angle by which some node would turn if the
+  /// others stood still. The same when all weights of a component are scaled.
   double relative = 0.0;
 };
 
-/// Sums behind a GradientNorm.
+/// The sum of squares and the maximum behind a GradientNorm.
 struct GradientSums {
   double squares = 0.0;
-  double scaled_squares = 0.0;
+  double largest = 0.0;
   GradientSums& operator+=(const GradientSums& other) {
     squares += other.squares;
-    scaled_squares += other.scaled_squares;
+    largest = std::max(largest, other.largest);
     return *this;
-  }
-  GradientNorm norm(const MeasurementGraph& graph) const {
-    return {std::sqrt(squares), std::sqrt(scaled_squares / (2.0 * graph.total_weight()))};
   }
 };
 
 inline GradientNorm gradient_norm(const MeasurementGraph& graph, const Rotations& R,
                                   int num_threads = 1) {
-  const auto node_sums = [&](Index l) {
+  const auto at_node = [&](Index l) {
     if (graph.row(l).size() == 0) return GradientSums{};
     const double square = gradient_from_linear_cost(linear_cost(graph, R, l), R[l]).squaredNorm();
-    return GradientSums{square, square / graph.degree(l)};
+    return GradientSums{square, std::sqrt(square) / graph.degree(l)};
   };
-  return block_sum<GradientSums>(graph.num_nodes(), num_threads, node_sums).norm(graph);
+  const auto sums = block_sum<GradientSums>(graph.num_nodes(), num_threads, at_node);
+  return {std::sqrt(sums.squares), sums.largest};
 }
 
 }  // namespace rotavg

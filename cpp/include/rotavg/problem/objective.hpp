@@ -25,10 +25,12 @@ inline double objective(const MeasurementGraph& graph, const Rotations& R, int n
 
 /// How much rounding can move a computed objective: two values closer than this are equal.
 /// Each residual carries an error of a few epsilon, |f - f~| <= 2 sum w |D| |dD| (Cauchy-Schwarz).
-inline double objective_rounding(const MeasurementGraph& graph, double objective) {
+inline double objective_rounding(double total_weight, double objective) {
   constexpr double error = 16.0 * std::numeric_limits<double>::epsilon();
-  const double weight = graph.total_weight();
-  return error * (std::sqrt(weight * objective) + error * weight);
+  return error * (std::sqrt(total_weight * objective) + error * total_weight);
+}
+inline double objective_rounding(const MeasurementGraph& graph, double objective) {
+  return objective_rounding(graph.total_weight(), objective);
 }
 
 }  // namespace rotavg
