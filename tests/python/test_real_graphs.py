@@ -17,14 +17,29 @@ OPTIMA = {
 PARKING_GARAGE = 0.00258367794822
 
 
+@pytest.mark.parametrize(("name", "optimum"), [*OPTIMA.items(), ("parking-garage", PARKING_GARAGE)])
+def test_auto_reaches_the_proved_optimum_for_any_number_of_threads(
+    name: str, optimum: float
+) -> None:
+    graph = rotavg.read(shared_data(f"g2o/{name}.g2o"), unit_weights=True)
+    solution = rotavg.solve(graph)
+    assert solution.objective == pytest.approx(optimum, rel=1e-9)
+    assert solution.relative_gradient < 1e-9
+    assert solution.certificate is not None
+    assert solution.certificate.verdict == "proved"
+    for threads in (1, 3):
+        again = rotavg.solve(graph, num_threads=threads, certify=False)
+        assert again.rotations.tobytes() == solution.rotations.tobytes()
+
+
 @pytest.mark.parametrize("name", OPTIMA)
 def test_bcd_reaches_the_proved_optimum(name: str) -> None:
     graph = rotavg.read(shared_data(f"g2o/{name}.g2o"), unit_weights=True)
-    solution = rotavg.solve(graph)
+    solution = rotavg.solve(graph, method="bcd")
     assert solution.objective == pytest.approx(OPTIMA[name], rel=1e-8)
     assert solution.certificate is not None
     assert solution.certificate.verdict == "proved"
-    threaded = rotavg.solve(graph, num_threads=3, certify=False)
+    threaded = rotavg.solve(graph, method="bcd", num_threads=3, certify=False)
     assert threaded.rotations.tobytes() == solution.rotations.tobytes()
 
 

@@ -28,8 +28,10 @@ def test_bcd_and_sum_end_at_the_same_certified_objective_over_100_seeds(
         graph = rotavg.simulate("complete", 20, noise=phi, drop=p, seed=seed).graph
         bcd = rotavg.solve(graph, method="bcd")
         sum_ = rotavg.solve(graph, method="sum")
+        newton = rotavg.solve(graph, method="newton")
         assert bcd.objective == pytest.approx(sum_.objective, rel=1e-9), seed
-        for solution in (bcd, sum_):
+        assert bcd.objective == pytest.approx(newton.objective, rel=1e-9), seed
+        for solution in (bcd, sum_, newton):
             assert solution.status.converged, seed
             assert solution.certificate is not None
             assert solution.certificate.verdict == "proved", seed
@@ -78,7 +80,7 @@ def test_the_solution_agrees_with_scipy_minimising_the_same_objective() -> None:
 def test_everything_returned_is_evaluated_at_the_returned_rotations() -> None:
     graph = rotavg.simulate("sphere", 300, noise=0.1, seed=1).graph
     for iterations in (0, 3, 10):
-        s = rotavg.solve(graph, max_iterations=iterations)
+        s = rotavg.solve(graph, method="bcd", max_iterations=iterations)
         assert s.status is rotavg.Status.ITERATION_LIMIT
         assert s.iterations == iterations
         assert len(s.trace) == iterations + 1
@@ -162,7 +164,7 @@ def test_parallel_edges_add_up() -> None:
     np.testing.assert_allclose(a.rotations, b.rotations, atol=1e-7)
 
 
-@pytest.mark.parametrize("method", ["bcd", "sum"])
+@pytest.mark.parametrize("method", ["auto", "bcd", "sum", "newton"])
 @pytest.mark.parametrize("init", ["shortest_path", "random"])
 def test_same_input_same_bits_for_any_number_of_threads(method: str, init: str) -> None:
     graph = rotavg.simulate("complete", 200, noise=0.3, seed=9).graph  # 19900 edges
@@ -190,7 +192,7 @@ def test_a_callback_sees_every_iteration_and_can_stop() -> None:
         seen.append(progress)
         return progress.iteration < 5
 
-    solution = rotavg.solve(graph, callback=stop_after_five)
+    solution = rotavg.solve(graph, method="bcd", callback=stop_after_five)
     assert [p.iteration for p in seen] == list(range(6))
     assert solution.status is rotavg.Status.STOPPED
     assert not solution.solved
@@ -234,7 +236,7 @@ def test_the_paper_rule_stops_earlier_on_a_badly_conditioned_graph() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "magic"}, r"unknown method 'magic'; expected one of: auto, bcd, sum"),
+        ({"method": "magic"}, r"unknown method 'magic'; expected one of: auto, bcd, sum, newton"),
         ({"init": "magic"}, "unknown init 'magic'"),
         ({"stop": "never"}, "unknown stop 'never'"),
         ({"mu": "large"}, "unknown mu 'large'"),
@@ -271,3 +273,41 @@ def test_the_printed_solution_says_what_a_user_asks_first() -> None:
     text = str(rotavg.solve(rotavg.simulate("complete", 12, noise=0.1, seed=1).graph))
     for phrase in ("Solved 12 rotations", "proved globally optimal", "objective", "median"):
         assert phrase in text
+
+
+def test_auto_takes_newton_on_trajectories_and_sweeps_on_dense_graphs() -> None:
+    sparse = rotavg.solve(rotavg.simulate("sphere", 900, noise=0.1, seed=1).graph)
+    assert sparse.reason.startswith("newton: average degree")
+    assert sparse.iterations < 20
+    assert sparse.reason in str(sparse)
+    dense = rotavg.solve(rotavg.simulate("complete", 100, noise=0.2, seed=1).graph)
+    assert dense.reason.startswith("bcd: average degree 99")
+    assert dense.iterations < 20
+
+
+def test_auto_leaves_sweeps_that_prove_slow_and_its_trace_is_one() -> None:
+    # A band of 14 neighbours to each side: average degree 28, but a long way from end to end.
+    n, reach = 600, 14
+    edges = [(i, j) for i in range(n) for j in range(i + 1, min(i + reach + 1, n))]
+    rng = np.random.default_rng(1)
+    rotvecs = 0.2 * rng.standard_normal((len(edges), 3))
+    graph = rotavg.MeasurementGraph.from_rotvecs(edges, rotvecs)
+    seen: list[rotavg.Progress] = []
+    solution = rotavg.solve(graph, callback=seen.append)
+    assert "newton after" in solution.reason
+    assert solution.status.converged
+    assert [p.iteration for p in seen] == list(range(solution.iterations + 1))
+    assert [p.objective for p in seen] == solution.trace.objective.tolist()
+    assert np.all(np.diff(solution.trace.seconds) >= 0)
+    assert np.all(np.diff(solution.trace.objective) <= 1e-12 * solution.objective)
+    assert solution.objective == pytest.approx(
+        rotavg.solve(graph, method="bcd").objective, rel=1e-9
+    )
+
+
+def test_newton_from_random_rotations_never_rises_and_ends_stationary() -> None:
+    graph = rotavg.simulate("grid", 125, noise=0.3, seed=4).graph
+    for seed in range(10):
+        solution = rotavg.solve(graph, method="newton", init="random", seed=seed)
+        assert solution.status.converged, seed
+        assert np.all(np.diff(solution.trace.objective) <= 1e-12 * solution.objective), seed
