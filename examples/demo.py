@@ -98,11 +98,11 @@ def draw(
     convergence = figure.add_subplot(grid[1, 1])
     optimum = solution.trace.objective[-1]
     excess = np.maximum(solution.trace.objective / optimum - 1, 1e-16)
-    convergence.semilogy(1e3 * solution.trace.seconds, excess, color=AFTER)
+    convergence.semilogy(1e3 * solution.trace.seconds, excess, "o-", markersize=4, color=AFTER)
     convergence.set(
         xlabel="time [ms]",
         ylabel="objective above the optimum, relative",
-        title=f"{solution.method}, {solution.iterations} iterations",
+        title=f"{solution.reason.split(':')[0]}, {solution.iterations} iterations",
     )
     convergence.grid(alpha=0.3)
     return figure

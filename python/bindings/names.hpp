@@ -9,7 +9,7 @@
 #include <pybind11/pybind11.h>
 
 #include <rotavg/certify/certificate.hpp>
-#include <rotavg/solve/auto.hpp>
+#include <rotavg/solve/solve.hpp>
 
 namespace rotavg_python {
 

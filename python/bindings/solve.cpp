@@ -3,7 +3,7 @@
 #include <pybind11/functional.h>
 #include <pybind11/stl.h>
 
-#include <rotavg/solve/auto.hpp>
+#include <rotavg/solve/solve.hpp>
 
 #include "bindings.hpp"
 #include "convert.hpp"

@@ -91,6 +91,15 @@ class MeasurementGraph:
         self.weights = read_only(weights)
         self.source = source
         self.notes = notes
+        self._immutable = True
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if "_immutable" in self.__dict__:
+            raise AttributeError(
+                f"a MeasurementGraph cannot be changed ({name}); make a new one, for example by "
+                "with_weights()"
+            )
+        super().__setattr__(name, value)
 
     @classmethod
     def from_quaternions(
@@ -180,12 +189,12 @@ class MeasurementGraph:
 
     @property
     def num_nodes(self) -> int:
-        """N."""
+        """Number of nodes, n."""
         return len(self.nodes)
 
     @property
     def num_edges(self) -> int:
-        """M."""
+        """Number of edges, m."""
         return len(self.edges)
 
     def components(self) -> NDArray[np.int32]:

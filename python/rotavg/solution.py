@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rotavg import _core, conventions
 from rotavg.arrays import read_only
+from rotavg.errors import GraphError
 
 if TYPE_CHECKING:
     from rotavg.graph import MeasurementGraph
@@ -154,6 +155,13 @@ class Solution:
     timings: Timings
     certificate: Certificate | None
     component: NDArray[np.int32]
+
+    def __getitem__(self, node: int | str) -> NDArray[np.float64]:
+        """Rotation (3, 3), world_from_node, of the node with this id; GraphError without one."""
+        rows = np.flatnonzero(self.graph.nodes == node)
+        if len(rows) == 0:
+            raise GraphError(f"node {node!r} is not in the graph")
+        return np.asarray(self.rotations[rows[0]])
 
     @cached_property
     def quaternions(self) -> NDArray[np.float64]:

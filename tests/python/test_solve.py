@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -311,3 +313,25 @@ def test_newton_from_random_rotations_never_rises_and_ends_stationary() -> None:
         solution = rotavg.solve(graph, method="newton", init="random", seed=seed)
         assert solution.status.converged, seed
         assert np.all(np.diff(solution.trace.objective) <= 1e-12 * solution.objective), seed
+
+
+def test_a_rotation_is_found_by_the_id_of_its_node() -> None:
+    graph = rotavg.MeasurementGraph.from_rotvecs([("b", "a"), ("c", "a")], [[0, 0, 1], [1, 0, 0]])
+    solution = rotavg.solve(graph)
+    np.testing.assert_array_equal(solution["c"], solution.rotations[2])
+    np.testing.assert_allclose(solution["c"] @ graph.rotations[1], solution["a"], atol=1e-12)
+    with pytest.raises(rotavg.GraphError, match="node 'd' is not in the graph"):
+        solution["d"]
+
+
+def test_what_is_no_graph_is_refused(tmp_path: Path) -> None:
+    simulation = rotavg.simulate("cycle", 5)
+    for call in (
+        lambda: rotavg.solve("graph.g2o"),  # type: ignore[arg-type]
+        lambda: rotavg.certify(simulation, simulation.ground_truth),  # type: ignore[arg-type]
+        lambda: rotavg.write(tmp_path / "x.g2o", simulation),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(rotavg.Error, match="expected a MeasurementGraph"):
+            call()
+    with pytest.raises(AttributeError, match="cannot be changed"):
+        simulation.graph.weights = np.ones(5)

@@ -21,9 +21,9 @@
 #include <rotavg/so3/loso.hpp>
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/so3/random.hpp>
-#include <rotavg/solve/auto.hpp>
 #include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/bcd.hpp>
 #include <rotavg/solve/newton.hpp>
+#include <rotavg/solve/solve.hpp>
 #include <rotavg/solve/sum.hpp>
 #include <rotavg/version.hpp>

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from rotavg.errors import FormatError
 from rotavg.graph import MeasurementGraph
 from rotavg.io import atomic, g2o, npz, registry, text
-from rotavg.io.registry import Format, Writable
+from rotavg.io.registry import Format, SolutionLike, Writable
 
 # In the order in which they are asked whether they recognise a content: the vaguest come last.
 FORMATS: tuple[Format, ...] = (npz.NPZ, g2o.G2O, text.CSV, text.TEXT)
@@ -56,6 +57,9 @@ def write(
         FileAccessError: the file cannot be written; what was there before is untouched.
         FormatError: unknown format, or one that cannot hold this (say, names as ids in g2o).
     """
+    if not isinstance(graph_or_solution, (MeasurementGraph, SolutionLike)):
+        found = type(graph_or_solution).__name__
+        raise FormatError(f"found a {found} to write, expected a MeasurementGraph or a Solution")
     path = Path(path)
     if format is None:
         chosen = registry.by_suffix(FORMATS, path)
