@@ -167,7 +167,7 @@ def test_parallel_edges_add_up() -> None:
 
 
 @pytest.mark.parametrize("method", ["auto", "bcd", "sum", "newton"])
-@pytest.mark.parametrize("init", ["shortest_path", "random"])
+@pytest.mark.parametrize("init", ["shortest_path", "chordal", "random"])
 def test_same_input_same_bits_for_any_number_of_threads(method: str, init: str) -> None:
     graph = rotavg.simulate("complete", 200, noise=0.3, seed=9).graph  # 19900 edges
     first = rotavg.solve(graph, method=method, init=init, num_threads=1)  # type: ignore[arg-type]
@@ -335,3 +335,14 @@ def test_what_is_no_graph_is_refused(tmp_path: Path) -> None:
             call()
     with pytest.raises(AttributeError, match="cannot be changed"):
         simulation.graph.weights = np.ones(5)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_refuted_answer_gets_a_second_run_from_the_chordal_start(seed: int) -> None:
+    graph = rotavg.simulate("grid", 216, noise=0.6, seed=seed).graph
+    tree = rotavg.solve(graph, init="shortest_path")
+    chordal = rotavg.solve(graph, init="chordal")
+    best = rotavg.solve(graph)
+    assert best.objective <= min(tree.objective, chordal.objective) * (1 + 1e-9)
+    if not tree.solved:
+        assert "a second run, from the chordal start" in best.reason

@@ -9,9 +9,11 @@
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/laplacian.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/init/chordal.hpp>
 #include <rotavg/init/random.hpp>
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/problem/check_rotations.hpp>
+#include <rotavg/problem/connection.hpp>
 #include <rotavg/problem/gauge.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/hessian.hpp>

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <limits>
-#include <utility>
 #include <vector>
 
 #include <Eigen/Core>
@@ -11,6 +10,7 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/cholesky.hpp>
 #include <rotavg/parallel/threads.hpp>
+#include <rotavg/problem/connection.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/types.hpp>
 
@@ -29,8 +29,9 @@ class CertificateMatrix {
                     Index component, int num_threads)
       : graph_(graph),
         R_(R),
+        components_(components),
+        component_(component),
         nodes_(components.nodes[component]),
-        row_in_component_(components.row_in_component),
         num_threads_(num_threads),
         lambda_(nodes_.size()),
         skew_(nodes_.size()) {
@@ -52,7 +53,7 @@ class CertificateMatrix {
       auto Y_a = Y.middleRows<3>(3 * a);
       Y_a = lambda_[a].lazyProduct(X.middleRows<3>(3 * a));
       for (const HalfEdge& h : graph_.row(nodes_[a])) {
-        Y_a -= h.block.lazyProduct(X.middleRows<3>(3 * row_in_component_[h.node]));
+        Y_a -= h.block.lazyProduct(X.middleRows<3>(3 * components_.row_in_component[h.node]));
       }
     });
     return Y;
@@ -108,48 +109,15 @@ class CertificateMatrix {
 
   /// Lower triangle of S without its first `skipped` nodes.
   SparseSymmetric lower(Index skipped) const {
-    SparseSymmetric S(3 * (num_nodes() - skipped), 3 * (num_nodes() - skipped));
-    std::vector<std::pair<Index, const HalfEdge*>> below;
-    Eigen::Index blocks = 0;
-    for (Index a = skipped; a < num_nodes(); ++a) blocks += 1 + graph_.row(nodes_[a]).size();
-    S.reserve(9 * blocks / 2);
-    for (Index a = skipped; a < num_nodes(); ++a) {
-      below.clear();
-      for (const HalfEdge& h : graph_.row(nodes_[a])) {
-        const Index b = row_in_component_[h.node];
-        if (b > a) below.emplace_back(b, &h);
-      }
-      std::stable_sort(below.begin(), below.end(),
-                       [](const auto& x, const auto& y) { return x.first < y.first; });
-      for (int c = 0; c < 3; ++c) append_column(S, a - skipped, c, skipped, below);
-    }
-    S.finalize();
-    return S;
+    return diagonal_minus_measurements(graph_, components_, component_, lambda_, skipped);
   }
 
  private:
-  /// Column 3a + c: the diagonal block from the diagonal down, then -Rt_ba for every node b below.
-  void append_column(SparseSymmetric& S, Index a, int c, Index skipped,
-                     const std::vector<std::pair<Index, const HalfEdge*>>& below) const {
-    const int column = 3 * a + c;
-    S.startVec(column);
-    for (int r = c; r < 3; ++r) {
-      S.insertBack(column - c + r, column) = lambda_[a + skipped](r, c);
-    }
-    for (std::size_t k = 0; k < below.size();) {
-      const Index b = below[k].first;
-      Vector3 sum = Vector3::Zero();  // parallel edges add up
-      for (; k < below.size() && below[k].first == b; ++k) {
-        sum -= below[k].second->block.row(c).transpose();  // Rt_ba = Rt_ab^T
-      }
-      for (int r = 0; r < 3; ++r) S.insertBack(3 * (b - skipped) + r, column) = sum(r);
-    }
-  }
-
   const MeasurementGraph& graph_;
   const Rotations& R_;
+  const Components& components_;
+  Index component_;
   const std::vector<Index>& nodes_;
-  const std::vector<Index>& row_in_component_;
   int num_threads_;
   std::vector<Matrix3> lambda_, skew_;
 };

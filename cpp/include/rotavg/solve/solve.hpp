@@ -8,6 +8,7 @@
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/init/chordal.hpp>
 #include <rotavg/init/random.hpp>
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/problem/check_rotations.hpp>
@@ -31,6 +32,8 @@ enum class Method {
 enum class Initialization {
   automatic,
   shortest_path,  ///< Lemma 3
+  /// Free matrices, then the nearest rotations; the shortest paths where it cannot be computed.
+  chordal,
   random,
 };
 
@@ -59,27 +62,14 @@ struct Solution : IterationResult {
   Timings timings;  ///< seconds
 };
 
-/// Finds the rotations that fit the measurements best, and certifies them. In every component the
-/// first node has R = I.
-///
-/// @param start an initial value to use instead of options.init (a warm start)
-/// @throws std::invalid_argument unless `start` holds a rotation for each node
-inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options = {},
-                      std::optional<Rotations> start = std::nullopt) {
-  const Stopwatch watch;
-  Solution solution;
-  solution.components = connected_components(graph);
-  solution.method = options.method;
-  solution.init =
-      options.init == Initialization::automatic ? Initialization::shortest_path : options.init;
+namespace detail {
 
-  Rotations R = start ? checked_rotations(graph, std::move(*start))
-                : solution.init == Initialization::shortest_path ? shortest_path_init(graph)
-                                                                 : random_init(graph, options.seed);
-  solution.timings.init = watch.seconds();
-
+/// Rotations of one initial value: solved, gauge fixed, certified.
+inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
+                     const Stopwatch& watch, Rotations R, Solution& solution) {
+  const double before = watch.seconds();
   IterationOptions iteration = options.iteration;
-  iteration.time_limit -= watch.seconds();
+  iteration.time_limit -= before;
   static_cast<IterationResult&>(solution) = [&] {
     switch (options.method) {
       case Method::bcd:
@@ -95,18 +85,76 @@ inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options
                                solution.reason);
   }();
   fix_gauge(solution.components, solution.rotations);
-  solution.timings.solve = watch.seconds() - solution.timings.init;
+  const double solved = watch.seconds();
+  solution.timings.solve += solved - before;
 
   const bool interrupted = options.iteration.keep_going && !options.iteration.keep_going();
-  if (options.certify && !interrupted) {
-    CertificateOptions certificate = options.certificate;
-    certificate.num_threads = options.iteration.num_threads;
-    certificate.keep_going = [&] {
-      return watch.seconds() < options.iteration.time_limit &&
-             (!options.iteration.keep_going || options.iteration.keep_going());
-    };
-    solution.certificate = rotavg::certify(graph, solution.rotations, certificate);
-    solution.timings.certify = watch.seconds() - solution.timings.init - solution.timings.solve;
+  if (!options.certify || interrupted) return;
+  CertificateOptions certificate = options.certificate;
+  certificate.num_threads = options.iteration.num_threads;
+  certificate.keep_going = [&] {
+    return watch.seconds() < options.iteration.time_limit &&
+           (!options.iteration.keep_going || options.iteration.keep_going());
+  };
+  solution.certificate = rotavg::certify(graph, solution.rotations, certificate);
+  solution.timings.certify += watch.seconds() - solved;
+}
+
+}  // namespace detail
+
+/// Finds the rotations that fit the measurements best, and certifies them. In every component the
+/// first node has R = I.
+///
+/// Where everything is left to choose and the answer from the shortest-path start has converged but
+/// is not certified, a second answer from the chordal start is computed, and the better one
+/// returned.
+///
+/// @param start an initial value to use instead of options.init (a warm start)
+/// @throws std::invalid_argument unless `start` holds a rotation for each node
+inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options = {},
+                      std::optional<Rotations> start = std::nullopt) {
+  const Stopwatch watch;
+  const bool free_choice =
+      !start && options.method == Method::automatic && options.init == Initialization::automatic;
+  Solution solution;
+  solution.components = connected_components(graph);
+  solution.method = options.method;
+  solution.init =
+      options.init == Initialization::automatic ? Initialization::shortest_path : options.init;
+  const auto chordal = [&] {
+    return chordal_init(graph, solution.components, options.certificate.max_factorization_flops,
+                        options.iteration.keep_going);
+  };
+  Rotations R;
+  if (start) {
+    R = checked_rotations(graph, std::move(*start));
+  } else if (solution.init == Initialization::random) {
+    R = random_init(graph, options.seed);
+  } else {
+    std::optional<Rotations> from_chordal;
+    if (solution.init == Initialization::chordal) from_chordal = chordal();
+    if (!from_chordal) solution.init = Initialization::shortest_path;
+    R = from_chordal ? std::move(*from_chordal) : shortest_path_init(graph);
+  }
+  solution.timings.init = watch.seconds();
+  detail::run_from(graph, options, watch, std::move(R), solution);
+
+  if (free_choice && options.certify && is_converged(solution.status) &&
+      solution.certificate.verdict == Verdict::not_certified) {
+    const double before = watch.seconds();
+    if (std::optional<Rotations> second_start = chordal()) {
+      Solution second = solution;
+      second.init = Initialization::chordal;
+      second.timings.init += watch.seconds() - before;
+      detail::run_from(graph, options, watch, std::move(*second_start), second);
+      const bool better = second.certificate.verdict != Verdict::not_certified ||
+                          second.objective < solution.objective;
+      second.reason += better ? "; a second run, from the chordal start, did better"
+                              : "; a second run, from the chordal start, did no better";
+      if (better) return second;
+      solution.reason = second.reason;
+      solution.timings = second.timings;
+    }
   }
   return solution;
 }
