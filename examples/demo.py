@@ -102,7 +102,7 @@ def draw(
     convergence.set(
         xlabel="time [ms]",
         ylabel="objective above the optimum, relative",
-        title=f"{solution.reason.split(':')[0]}, {solution.iterations} iterations",
+        title=f"{solution.method}, {solution.iterations} iterations",
     )
     convergence.grid(alpha=0.3)
     return figure

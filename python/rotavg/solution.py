@@ -132,7 +132,7 @@ class Solution:
             what the default stopping rule looks at.
         status: how the solver ended.
         iterations: sweeps over all nodes.
-        method: the method that was asked for.
+        method: the method that was used, in the end.
         reason: what "auto" chose and why, in one line; empty for other methods.
         init: where it started: the name of an initial value, or "given".
         trace: the course of the iteration.

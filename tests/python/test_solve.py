@@ -280,10 +280,12 @@ def test_the_printed_solution_says_what_a_user_asks_first() -> None:
 def test_auto_takes_newton_on_trajectories_and_sweeps_on_dense_graphs() -> None:
     sparse = rotavg.solve(rotavg.simulate("sphere", 900, noise=0.1, seed=1).graph)
     assert sparse.reason.startswith("newton: average degree")
+    assert sparse.method == "newton"
     assert sparse.iterations < 20
     assert sparse.reason in str(sparse)
     dense = rotavg.solve(rotavg.simulate("complete", 100, noise=0.2, seed=1).graph)
     assert dense.reason.startswith("bcd: average degree 99")
+    assert dense.method == "bcd"
     assert dense.iterations < 20
 
 

@@ -41,10 +41,12 @@ inline void append(IterationResult& first, IterationResult second) {
 ///   all of them. The sweeps are watched; if at their rate many more would be needed, Newton's
 ///   method takes over, unless the Laplacian is too large to factor.
 ///
-/// @param reason one line on what was chosen and why
+/// @param method receives what was used in the end
+/// @param reason receives one line on what was chosen and why
 inline IterationResult solve_automatically(const MeasurementGraph& graph,
                                            const Components& components, Rotations R,
-                                           const IterationOptions& options, std::string& reason) {
+                                           const IterationOptions& options, Method& method,
+                                           std::string& reason) {
   constexpr double sparse_degree = 20.0;  // edges at a node, on average
   constexpr double max_flops = 1e10;
   constexpr int probed_sweeps = 5;
@@ -60,6 +62,7 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   if (degree <= sparse_degree) {
     LaplacianMetric metric(graph, components);
     if (metric.flops() <= max_flops) {
+      method = Method::newton;
       line("newton: average degree ", degree, ", the Laplacian factors in ", metric.flops(),
            " operations");
       return newton(graph, std::move(R), metric, options);
@@ -67,6 +70,7 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   }
 
   // Coordinate descent, until it has converged or proves slow.
+  method = Method::bcd;
   bool slow = false;
   double last = 0.0, before_last = 0.0;
   IterationOptions watched = options;
@@ -99,6 +103,7 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   LaplacianMetric metric(graph, components);
   Rotations start = result.rotations;
   if (metric.flops() <= max_flops) {
+    method = Method::newton;
     line("newton after ", result.iterations, " sweeps of bcd, which were slow");
     append(result, newton(graph, std::move(start), metric, rest));
   } else {

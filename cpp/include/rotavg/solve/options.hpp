@@ -7,6 +7,13 @@
 
 namespace rotavg {
 
+enum class Method {
+  automatic,
+  bcd,     ///< block coordinate descent, Algorithm 2
+  sum,     ///< successive upper-bound minimisation, Algorithm 3
+  newton,  ///< Newton's method in the metric of the graph Laplacian
+};
+
 /// When an iteration has converged.
 enum class StopRule {
   gradient,  ///< GradientNorm::relative <= tolerance

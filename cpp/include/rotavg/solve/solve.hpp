@@ -22,13 +22,6 @@
 
 namespace rotavg {
 
-enum class Method {
-  automatic,
-  bcd,     ///< block coordinate descent, Algorithm 2
-  sum,     ///< successive upper-bound minimisation, Algorithm 3
-  newton,  ///< Newton's method in the metric of the graph Laplacian
-};
-
 enum class Initialization {
   automatic,
   shortest_path,  ///< Lemma 3
@@ -54,7 +47,7 @@ struct Timings {
 };
 
 struct Solution : IterationResult {
-  Method method = Method::automatic;  ///< the one that was asked for
+  Method method = Method::automatic;  ///< the one that was used, in the end
   std::string reason;                 ///< what Method::automatic chose and why, in one line
   Initialization init = Initialization::automatic;
   Certificate certificate;
@@ -81,7 +74,7 @@ inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
       case Method::automatic:
         break;
     }
-    return solve_automatically(graph, solution.components, std::move(R), iteration,
+    return solve_automatically(graph, solution.components, std::move(R), iteration, solution.method,
                                solution.reason);
   }();
   fix_gauge(solution.components, solution.rotations);
