@@ -1,4 +1,5 @@
 #include <cmath>
+#include <string>
 
 #include <doctest/doctest.h>
 
@@ -69,23 +70,18 @@ TEST_CASE("where the chordal start costs too much or is stopped, there is none")
   CHECK(solve(graph, options).init == Initialization::shortest_path);
 }
 
-TEST_CASE("an answer that is refuted gets a second run from the chordal start") {
-  // Very noisy grids, where a start from a tree often ends in a local minimum.
+TEST_CASE("where everything is left to choose, an answer that is refuted gets a second run") {
   Random random;
   INFO(random.replay());
-  int second_runs = 0, improved = 0;
   for (int k = 0; k < 30; ++k) {
-    const MeasurementGraph graph = test::simulate_graph(random, test::grid(8, 8), 0.6);
+    const MeasurementGraph graph = test::simulate_graph(random, test::grid(8, 8), 1.2);
     SolveOptions from_tree;
     from_tree.init = Initialization::shortest_path;
     const Solution first = solve(graph, from_tree);
     const Solution best = solve(graph);
     CHECK(best.objective <= first.objective * (1.0 + 1e-9));
-    if (first.certificate.verdict != Verdict::not_certified) continue;
-    ++second_runs;
-    CHECK(best.reason.find("a second run, from the chordal start") != std::string::npos);
-    improved += best.objective < first.objective * (1.0 - 1e-6) ? 1 : 0;
+    const bool ran_twice =
+        best.reason.find("a second run, from the chordal start") != std::string::npos;
+    CHECK(ran_twice == (first.certificate.verdict == Verdict::not_certified));
   }
-  CAPTURE(second_runs);
-  CHECK(improved > 0);
 }

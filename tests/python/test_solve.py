@@ -279,9 +279,9 @@ def test_the_printed_solution_says_what_a_user_asks_first() -> None:
 
 def test_auto_takes_newton_on_trajectories_and_sweeps_on_dense_graphs() -> None:
     sparse = rotavg.solve(rotavg.simulate("sphere", 900, noise=0.1, seed=1).graph)
-    assert sparse.reason.startswith("newton: average degree")
+    assert sparse.reason.startswith("newton after 10 sweeps of bcd: average degree 3.9")
     assert sparse.method == "newton"
-    assert sparse.iterations < 20
+    assert sparse.iterations < 25
     assert sparse.reason in str(sparse)
     dense = rotavg.solve(rotavg.simulate("complete", 100, noise=0.2, seed=1).graph)
     assert dense.reason.startswith("bcd: average degree 99")
@@ -339,12 +339,15 @@ def test_what_is_no_graph_is_refused(tmp_path: Path) -> None:
         simulation.graph.weights = np.ones(5)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_a_refuted_answer_gets_a_second_run_from_the_chordal_start(seed: int) -> None:
-    graph = rotavg.simulate("grid", 216, noise=0.6, seed=seed).graph
+def test_a_refuted_answer_gets_a_second_run_from_the_chordal_start() -> None:
+    # So noisy that the tree leads into a local minimum.
+    graph = rotavg.simulate("sphere", 1600, noise=0.25, seed=2).graph
     tree = rotavg.solve(graph, init="shortest_path")
-    chordal = rotavg.solve(graph, init="chordal")
+    assert tree.status.converged
+    assert not tree.solved
     best = rotavg.solve(graph)
-    assert best.objective <= min(tree.objective, chordal.objective) * (1 + 1e-9)
-    if not tree.solved:
-        assert "a second run, from the chordal start" in best.reason
+    assert best.reason.endswith("a second run, from the chordal start, did better")
+    assert best.init == "chordal"
+    assert best.solved
+    assert best.objective < 0.9 * tree.objective
+    assert tree.objective - tree.certificate.gap <= best.objective  # type: ignore[union-attr]

@@ -31,15 +31,14 @@ inline void append(IterationResult& first, IterationResult second) {
   first = std::move(second);
 }
 
-/// Newton's method or block coordinate descent, whichever the graph asks for:
+/// Block coordinate descent, and Newton's method where sweeps are slow:
 ///
-/// - On sparse graphs the Laplacian factors at little cost and Newton's method needs some ten
-/// steps:
-///   it is taken at once.
-/// - On dense graphs a few sweeps of coordinate descent do, and a factorisation would cost more
-/// than
-///   all of them. The sweeps are watched; if at their rate many more would be needed, Newton's
-///   method takes over, unless the Laplacian is too large to factor.
+/// - Ten sweeps come first. On dense graphs they often do; on all graphs they smooth the start,
+/// from
+///   where Newton's method would run into bad local minima more often, and converge later.
+/// - On sparse graphs the Laplacian factors at little cost and Newton's method goes on at once.
+/// - On others the sweeps are watched; if at their rate many more would be needed, Newton's method
+///   takes over, unless the Laplacian is too large to factor.
 ///
 /// @param method receives what was used in the end
 /// @param reason receives one line on what was chosen and why
@@ -49,7 +48,7 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
                                            std::string& reason) {
   constexpr double sparse_degree = 20.0;  // edges at a node, on average
   constexpr double max_flops = 1e10;
-  constexpr int probed_sweeps = 5;
+  constexpr int first_sweeps = 10;
   constexpr double patience = 40.0;  // sweeps
   const double degree = 2.0 * graph.num_edges() / std::max<Index>(graph.num_nodes(), 1);
   const auto line = [&reason](const auto&... parts) {
@@ -58,16 +57,6 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     (text << ... << parts);
     reason = text.str();
   };
-
-  if (degree <= sparse_degree) {
-    LaplacianMetric metric(graph, components);
-    if (metric.flops() <= max_flops) {
-      method = Method::newton;
-      line("newton: average degree ", degree, ", the Laplacian factors in ", metric.flops(),
-           " operations");
-      return newton(graph, std::move(R), metric, options);
-    }
-  }
 
   // Coordinate descent, until it has converged or proves slow.
   method = Method::bcd;
@@ -79,9 +68,10 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     const double rate =
         progress.iteration >= 2 ? std::sqrt(progress.relative_gradient / before_last) : 0.0;
     before_last = std::exchange(last, progress.relative_gradient);
-    if (progress.iteration < probed_sweeps || options.stop != StopRule::gradient) return true;
+    if (progress.iteration < first_sweeps) return true;
     const double sweeps = std::log(options.tolerance / last) / std::log(rate);
-    slow = !(rate < 1.0 && sweeps <= patience);
+    slow = degree <= sparse_degree ||
+           (options.stop == StopRule::gradient && !(rate < 1.0 && sweeps <= patience));
     return !slow;
   };
   IterationResult result = bcd(graph, std::move(R), watched);
@@ -104,7 +94,8 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   Rotations start = result.rotations;
   if (metric.flops() <= max_flops) {
     method = Method::newton;
-    line("newton after ", result.iterations, " sweeps of bcd, which were slow");
+    line("newton after ", result.iterations, " sweeps of bcd: average degree ", degree,
+         ", the Laplacian factors in ", metric.flops(), " operations");
     append(result, newton(graph, std::move(start), metric, rest));
   } else {
     line("bcd: the Laplacian is too large to factor (", metric.flops(), " operations)");
