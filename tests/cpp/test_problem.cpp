@@ -291,7 +291,7 @@ TEST_CASE("the Hessian is the symmetrised derivative of the gradient, and 4 L wi
     const Eigen::MatrixXd expected = 4.0 * apply_laplacian(graph, components, 0, w);
     CHECK((at_truth.apply(w) - expected).norm() <= 1e-12 * expected.norm());
     LaplacianMetric metric(graph, components);
-    REQUIRE(metric.factorize({}) == SparseCholesky::Outcome::positive_definite);
+    REQUIRE(metric.factorize({}) == CholeskyOutcome::positive_definite);
     w.row(0).setZero();
     const NodeVectors back =
         metric.apply(NodeVectors(4.0 * apply_laplacian(graph, components, 0, w)));

@@ -10,6 +10,7 @@
 #include <rotavg/certify/factorization.hpp>
 #include <rotavg/certify/min_eigenvalue.hpp>
 #include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/check_rotations.hpp>
@@ -37,7 +38,7 @@ struct CertificateOptions {
   double tolerance = 1e-6;
   /// Where a factorisation would take more operations than this, the smallest eigenvalue is
   /// estimated instead.
-  double max_factorization_flops = 2e10;
+  double max_factorization_flops = 5e10;
   int num_threads = 0;
   std::function<bool()> keep_going;  ///< asked every few milliseconds; false stops
 };
@@ -82,19 +83,16 @@ inline Measure measure_component(const MeasurementGraph& graph, const Rotations&
   return measure;
 }
 
-inline ComponentBound bound_component(const CertificateMatrix& S,
+inline ComponentBound bound_component(const CertificateMatrix& S, Elimination& elimination,
                                       const CertificateOptions& options) {
-  using Outcome = SparseCholesky::Outcome;
-  if (S.min_factorization_flops() <= options.max_factorization_flops) {
-    const SparseSymmetric grounded = S.lower(1);
-    SparseCholesky cholesky(grounded);
-    if (cholesky.flops() <= options.max_factorization_flops) {
-      const Outcome outcome = cholesky.factorize(grounded, 0.0, options.keep_going);
-      if (outcome == Outcome::stopped) return {};
-      return outcome == Outcome::positive_definite
-                 ? bound_by_grounded_factorization(S, cholesky, options.keep_going)
-                 : bound_by_shifted_factorization(S, options.keep_going);
-    }
+  const double limit = options.max_factorization_flops;
+  if (elimination.flops(3, limit) <= limit) {
+    BlockCholesky<3> cholesky(elimination.symbolic());
+    const auto outcome = cholesky.factorize(S.blocks(elimination), 0.0, options.keep_going);
+    if (outcome == CholeskyOutcome::stopped) return {};
+    return outcome == CholeskyOutcome::positive_definite
+               ? bound_by_grounded_factorization(S, cholesky, options.keep_going)
+               : bound_by_shifted_factorization(S, options.keep_going);
   }
   // S is at least theta on the complement of its null vectors N = R^T / sqrt(n), if LOBPCG met the
   // smallest eigenvalue there, and |S N| <= epsilon couples the two: lambda_min(S) is at least the
@@ -116,15 +114,14 @@ inline ComponentBound bound_component(const CertificateMatrix& S,
 
 }  // namespace detail
 
-/// Certifies rotations, whether a solver of this library found them or not.
+/// Certifies rotations.
 ///
-/// @param given world_from_i, one rotation per node
-/// @throws std::invalid_argument unless `given` holds a rotation for each node
-inline Certificate certify(const MeasurementGraph& graph, const Rotations& given,
-                           const CertificateOptions& options = {}) {
-  const Rotations R = checked_rotations(graph, given);
+/// @param R world_from_i, one rotation per node
+/// @param eliminations of all components, without their roots
+inline Certificate certify(const MeasurementGraph& graph, const Rotations& R,
+                           const Components& components, std::vector<Elimination>& eliminations,
+                           const CertificateOptions& options) {
   const int num_threads = resolve_num_threads(options.num_threads, graph.num_edges());
-  const Components components = connected_components(graph);
 
   Certificate certificate;
   certificate.gap = certificate.relative_gap = 0.0;
@@ -133,7 +130,7 @@ inline Certificate certify(const MeasurementGraph& graph, const Rotations& given
   for (Index c = 0; c < components.size(); ++c) {
     if (components.nodes[c].size() < 2) continue;
     const CertificateMatrix S(graph, R, components, c, num_threads);
-    const ComponentBound bound = detail::bound_component(S, options);
+    const ComponentBound bound = detail::bound_component(S, eliminations[c], options);
     const detail::Measure measure = detail::measure_component(graph, R, components.nodes[c]);
     // f* >= 0 is a bound as well, and a proof where nothing is left to gain.
     const double gap = std::min(bound.gap, measure.objective);
@@ -152,6 +149,17 @@ inline Certificate certify(const MeasurementGraph& graph, const Rotations& given
                         : certificate.method == CertificateMethod::eigenvalue ? Verdict::estimated
                                                                               : Verdict::proved;
   return certificate;
+}
+
+/// Certifies rotations, whether a solver of this library found them or not.
+///
+/// @param given world_from_i, one rotation per node
+/// @throws std::invalid_argument unless `given` holds a rotation for each node
+inline Certificate certify(const MeasurementGraph& graph, const Rotations& given,
+                           const CertificateOptions& options = {}) {
+  const Components components = connected_components(graph);
+  std::vector<Elimination> eliminations = grounded_eliminations(graph, components);
+  return certify(graph, checked_rotations(graph, given), components, eliminations, options);
 }
 
 }  // namespace rotavg

@@ -7,8 +7,9 @@
 #include <Eigen/Core>
 
 #include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
-#include <rotavg/linalg/cholesky.hpp>
+#include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/connection.hpp>
 #include <rotavg/problem/gradient.hpp>
@@ -43,6 +44,9 @@ class CertificateMatrix {
     });
   }
 
+  const MeasurementGraph& graph() const { return graph_; }
+  const Components& components() const { return components_; }
+  Index component() const { return component_; }
   Index num_nodes() const { return static_cast<Index>(nodes_.size()); }
   Eigen::Index size() const { return 3 * static_cast<Eigen::Index>(num_nodes()); }
 
@@ -98,18 +102,11 @@ class CertificateMatrix {
     return largest;
   }
 
-  /// No factorisation of S takes fewer operations: with N columns and nnz entries in the lower
-  /// triangle, sum |L_j|^2 >= nnz^2 / N (Cauchy-Schwarz).
-  double min_factorization_flops() const {
-    double blocks = 0.0;
-    for (const Index i : nodes_) blocks += 1.0 + 0.5 * graph_.row(i).size();
-    const double nonzeros = 9.0 * blocks;
-    return nonzeros * nonzeros / static_cast<double>(size());
-  }
-
-  /// Lower triangle of S without its first `skipped` nodes.
-  SparseSymmetric lower(Index skipped) const {
-    return diagonal_minus_measurements(graph_, components_, component_, lambda_, skipped);
+  /// S without the nodes that the elimination skips.
+  BlockCholesky<3>::Blocks blocks(Elimination& elimination) const {
+    return diagonal_minus_measurements(elimination, [this](Index i) -> const Matrix3& {
+      return lambda_[components_.row_in_component[i]];
+    });
   }
 
  private:

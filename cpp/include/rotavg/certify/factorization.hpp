@@ -9,7 +9,8 @@
 
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/certify/min_eigenvalue.hpp>
-#include <rotavg/linalg/cholesky.hpp>
+#include <rotavg/graph/elimination.hpp>
+#include <rotavg/linalg/block_cholesky.hpp>
 
 namespace rotavg {
 
@@ -48,7 +49,7 @@ inline double value_or_nan(const Eigenpair& pair) {
 ///
 /// @param cholesky of S_r, factorised and positive definite
 inline ComponentBound bound_by_grounded_factorization(const CertificateMatrix& S,
-                                                      SparseCholesky& cholesky,
+                                                      BlockCholesky<3>& cholesky,
                                                       const std::function<bool()>& keep_going) {
   const Eigen::MatrixXd K = S.leftover();
   const Eigen::Index rows = cholesky.size();
@@ -75,10 +76,10 @@ inline ComponentBound bound_by_grounded_factorization(const CertificateMatrix& S
 /// eigenvalue that the factor gives.
 inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
                                                      const std::function<bool()>& keep_going) {
-  using Outcome = SparseCholesky::Outcome;
   ComponentBound bound;
-  const SparseSymmetric lower = S.lower(0);
-  SparseCholesky cholesky(lower);
+  Elimination elimination(S.graph(), S.components(), S.component(), /*skipped=*/0);
+  const BlockCholesky<3>::Blocks blocks = S.blocks(elimination);
+  BlockCholesky<3> cholesky(elimination.symbolic());
   const double scale = S.max_degree();
   const double smallest_shift = 1e-13 * scale;
   constexpr int rough_iterations = 30;
@@ -89,12 +90,12 @@ inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
   };
   // S + 2 max_degree I > 0 always (Gershgorin), so this ends.
   double shift = std::max(smallest_shift, -1.5 * rough);
-  Outcome outcome = cholesky.factorize(lower, shift, keep_going);
-  while (outcome == Outcome::not_positive_definite && shift <= 4.0 * scale) {
+  CholeskyOutcome outcome = cholesky.factorize(blocks, shift, keep_going);
+  while (outcome == CholeskyOutcome::not_positive_definite && shift <= 4.0 * scale) {
     shift *= 4.0;
-    outcome = cholesky.factorize(lower, shift, keep_going);
+    outcome = cholesky.factorize(blocks, shift, keep_going);
   }
-  if (outcome != Outcome::positive_definite) return bound;
+  if (outcome != CholeskyOutcome::positive_definite) return bound;
   bound.gap = gap_at(shift);
   bound.evidence = Evidence::proof;
   const LinearOperator inverse = [&](const Eigen::MatrixXd& X) { return cholesky.solve(X); };
@@ -104,7 +105,7 @@ inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
 
   const double tight = std::max(0.0, -bound.lambda_min * (1.0 + 1e-6)) + smallest_shift;
   if (bound.lambda_min < 0.0 && tight < shift &&
-      cholesky.factorize(lower, tight, keep_going) == Outcome::positive_definite) {
+      cholesky.factorize(blocks, tight, keep_going) == CholeskyOutcome::positive_definite) {
     bound.gap = std::min(bound.gap, gap_at(tight));
   }
   return bound;

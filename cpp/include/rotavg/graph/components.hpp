@@ -14,14 +14,6 @@ struct Components {
   std::vector<std::vector<Index>> nodes;  ///< the nodes of each component, rising
 
   Index size() const { return static_cast<Index>(nodes.size()); }
-  /// All nodes but the root of each component, rising.
-  std::vector<Index> free_nodes() const {
-    std::vector<Index> result;
-    for (Index i = 0; i < static_cast<Index>(label.size()); ++i) {
-      if (row_in_component[i] > 0) result.push_back(i);
-    }
-    return result;
-  }
   /// The node that holds the gauge, R = I, in component c: its first.
   Index root(Index c) const { return nodes[c].front(); }
 };

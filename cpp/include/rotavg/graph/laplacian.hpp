@@ -4,14 +4,14 @@
 #include <cmath>
 #include <functional>
 #include <limits>
-#include <utility>
-#include <vector>
+#include <optional>
 
 #include <Eigen/Core>
 
 #include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
-#include <rotavg/linalg/cholesky.hpp>
+#include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/linalg/lobpcg.hpp>
 
 namespace rotavg {
@@ -32,33 +32,13 @@ inline Eigen::MatrixXd apply_laplacian(const MeasurementGraph& graph, const Comp
   return Y;
 }
 
-/// Lower triangle of L restricted to some nodes, whose order (rising) is that of its rows. Positive
-/// definite if at least one node of every component is left out.
-inline SparseSymmetric grounded_laplacian(const MeasurementGraph& graph,
-                                          const std::vector<Index>& free_nodes) {
-  std::vector<Index> row(static_cast<std::size_t>(graph.num_nodes()), -1);
-  Index rows = 0;
-  for (const Index i : free_nodes) row[i] = rows++;
-  SparseSymmetric L(rows, rows);
-  std::vector<std::pair<Index, double>> below;
-  for (const Index i : free_nodes) {
-    below.clear();
-    for (const HalfEdge& h : graph.row(i)) {
-      if (row[h.node] > row[i]) below.emplace_back(row[h.node], graph.edges()[h.edge].weight);
-    }
-    std::stable_sort(below.begin(), below.end(),
-                     [](const auto& x, const auto& y) { return x.first < y.first; });
-    L.startVec(row[i]);
-    L.insertBack(row[i], row[i]) = graph.degree(i);
-    for (std::size_t k = 0; k < below.size();) {
-      double weight = 0.0;  // parallel edges add up
-      const Index j = below[k].first;
-      for (; k < below.size() && below[k].first == j; ++k) weight += below[k].second;
-      L.insertBack(j, row[i]) = -weight;
-    }
-  }
-  L.finalize();
-  return L;
+/// L of one component without the nodes that the elimination skips: positive definite if that is at
+/// least one.
+inline BlockCholesky<1>::Blocks grounded_laplacian(const MeasurementGraph& graph,
+                                                   Elimination& elimination) {
+  using Scalar = Eigen::Matrix<double, 1, 1>;
+  return elimination.assemble<1>([&](Index i) { return Scalar(graph.degree(i)); },
+                                 [](const Edge& e) { return Scalar(-e.weight); });
 }
 
 /// lambda_2(L) of one component, its algebraic connectivity (Fiedler 1973): the larger, the easier
@@ -73,20 +53,24 @@ inline double algebraic_connectivity(const MeasurementGraph& graph, const Compon
   double max_degree = 0.0;
   for (const Index i : nodes) max_degree = std::max(max_degree, graph.degree(i));
 
-  const SparseSymmetric grounded = grounded_laplacian(graph, {nodes.begin() + 1, nodes.end()});
-  SparseCholesky cholesky(grounded);
   constexpr double max_flops = 2e10;
-  const bool factorized =
-      cholesky.flops() <= max_flops &&
-      cholesky.factorize(grounded, 0.0, keep_going) == SparseCholesky::Outcome::positive_definite;
+  Elimination elimination(graph, components, component);
+  std::optional<BlockCholesky<1>> cholesky;
+  if (elimination.flops(1, max_flops) <= max_flops) {
+    cholesky.emplace(elimination.symbolic());
+    if (cholesky->factorize(grounded_laplacian(graph, elimination), 0.0, keep_going) !=
+        CholeskyOutcome::positive_definite) {
+      cholesky.reset();
+    }
+  }
   const LinearOperator precondition = [&](const Eigen::MatrixXd& X) -> Eigen::MatrixXd {
-    if (!factorized) {  // so dense that the degrees do nearly as well
+    if (!cholesky) {  // so dense that the degrees do nearly as well
       Eigen::MatrixXd Y = X;
       for (Eigen::Index a = 0; a < n; ++a) Y.row(a) /= graph.degree(nodes[a]);
       return Y;
     }
     Eigen::MatrixXd Y = Eigen::MatrixXd::Zero(X.rows(), X.cols());
-    Y.bottomRows(n - 1) = cholesky.solve(X.bottomRows(n - 1));
+    Y.bottomRows(n - 1) = cholesky->solve(X.bottomRows(n - 1));
     return Y;
   };
   LobpcgOptions options;

@@ -6,9 +6,10 @@
 #include <Eigen/Core>
 
 #include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/laplacian.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
-#include <rotavg/linalg/cholesky.hpp>
+#include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/problem/hessian.hpp>
 
 namespace rotavg {
@@ -17,33 +18,58 @@ namespace rotavg {
 /// in which f is nearly round, factored once.
 class LaplacianMetric {
  public:
-  /// Analyses; factorize() does the work.
-  LaplacianMetric(const MeasurementGraph& graph, const Components& components)
-      : free_nodes_(components.free_nodes()),
-        laplacian_(grounded_laplacian(graph, free_nodes_)),
-        cholesky_(laplacian_) {}
+  /// @param eliminations of all components, without their roots; must outlive this object
+  LaplacianMetric(const MeasurementGraph& graph, std::vector<Elimination>& eliminations)
+      : graph_(graph), eliminations_(eliminations) {}
 
-  /// Operations that the factorisation takes.
-  double flops() const { return cholesky_.flops(); }
+  /// Operations that the factorisation takes; where they are certainly more than `limit`, a lower
+  /// bound that is.
+  double flops(double limit) {
+    double sum = 0.0;
+    for (Elimination& elimination : eliminations_) {
+      sum += elimination.flops(1, limit);
+      if (sum > limit) break;
+    }
+    return sum;
+  }
 
-  SparseCholesky::Outcome factorize(const std::function<bool()>& keep_going) {
-    return cholesky_.factorize(laplacian_, 0.0, keep_going);
+  CholeskyOutcome factorize(const std::function<bool()>& keep_going) {
+    factors_.clear();
+    for (Elimination& elimination : eliminations_) {
+      if (elimination.size() == 0) continue;
+      factors_.push_back({&elimination, BlockCholesky<1>(elimination.symbolic())});
+      const auto outcome = factors_.back().cholesky.factorize(
+          grounded_laplacian(graph_, elimination), 0.0, keep_going);
+      if (outcome != CholeskyOutcome::positive_definite) return outcome;
+    }
+    return CholeskyOutcome::positive_definite;
   }
 
   /// (4 L)^-1 v; zero at the held nodes.
   NodeVectors apply(const NodeVectors& v) {
-    Eigen::MatrixXd free(laplacian_.rows(), 3);
-    for (Eigen::Index k = 0; k < free.rows(); ++k) free.row(k) = 0.25 * v.row(free_nodes_[k]);
-    free = cholesky_.solve(free);
     NodeVectors result = NodeVectors::Zero(v.rows(), 3);
-    for (Eigen::Index k = 0; k < free.rows(); ++k) result.row(free_nodes_[k]) = free.row(k);
+    for (Factor& factor : factors_) {
+      const Elimination& elimination = *factor.elimination;
+      free_.resize(elimination.size(), 3);
+      for (Index a = 0; a < elimination.size(); ++a) {
+        free_.row(a) = 0.25 * v.row(elimination.node(a));
+      }
+      factor.cholesky.solve_in_place(free_);
+      for (Index a = 0; a < elimination.size(); ++a) result.row(elimination.node(a)) = free_.row(a);
+    }
     return result;
   }
 
  private:
-  std::vector<Index> free_nodes_;
-  SparseSymmetric laplacian_;
-  SparseCholesky cholesky_;
+  struct Factor {
+    const Elimination* elimination;
+    BlockCholesky<1> cholesky;
+  };
+
+  const MeasurementGraph& graph_;
+  std::vector<Elimination>& eliminations_;
+  std::vector<Factor> factors_;
+  Eigen::MatrixXd free_;
 };
 
 }  // namespace rotavg

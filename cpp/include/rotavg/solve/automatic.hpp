@@ -5,8 +5,9 @@
 #include <sstream>
 #include <string>
 #include <utility>
+#include <vector>
 
-#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/problem/laplacian_metric.hpp>
 #include <rotavg/solve/bcd.hpp>
@@ -43,7 +44,7 @@ inline void append(IterationResult& first, IterationResult second) {
 /// @param method receives what was used in the end
 /// @param reason receives one line on what was chosen and why
 inline IterationResult solve_automatically(const MeasurementGraph& graph,
-                                           const Components& components, Rotations R,
+                                           std::vector<Elimination>& eliminations, Rotations R,
                                            const IterationOptions& options, Method& method,
                                            std::string& reason) {
   constexpr double sparse_degree = 20.0;  // edges at a node, on average
@@ -90,15 +91,16 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
       return options.callback(progress);
     };
   }
-  LaplacianMetric metric(graph, components);
+  LaplacianMetric metric(graph, eliminations);
   Rotations start = result.rotations;
-  if (metric.flops() <= max_flops) {
+  const double flops = metric.flops(max_flops);
+  if (flops <= max_flops) {
     method = Method::newton;
     line("newton after ", result.iterations, " sweeps of bcd: average degree ", degree,
-         ", the Laplacian factors in ", metric.flops(), " operations");
+         ", the Laplacian factors in ", flops, " operations");
     append(result, newton(graph, std::move(start), metric, rest));
   } else {
-    line("bcd: the Laplacian is too large to factor (", metric.flops(), " operations)");
+    line("bcd: the Laplacian is too large to factor (", flops, " operations)");
     append(result, bcd(graph, std::move(start), rest));
   }
   return result;

@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <utility>
+#include <vector>
 
 #include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/hessian.hpp>
@@ -65,7 +67,7 @@ inline IterationResult newton(const MeasurementGraph& graph, Rotations R, Laplac
   const int num_threads = monitor.num_threads();
   // Weights so far apart that L is singular to rounding leave no metric to descend in.
   const auto outcome = metric.factorize([&] { return monitor.keep_going(); });
-  if (outcome == SparseCholesky::Outcome::not_positive_definite) {
+  if (outcome == CholeskyOutcome::not_positive_definite) {
     return bcd(graph, std::move(R), options);
   }
 
@@ -106,7 +108,9 @@ inline IterationResult newton(const MeasurementGraph& graph, Rotations R, Laplac
 /// The same with a metric of its own.
 inline IterationResult newton(const MeasurementGraph& graph, Rotations R,
                               const IterationOptions& options = {}) {
-  LaplacianMetric metric(graph, connected_components(graph));
+  const Components components = connected_components(graph);
+  std::vector<Elimination> eliminations = grounded_eliminations(graph, components);
+  LaplacianMetric metric(graph, eliminations);
   return newton(graph, std::move(R), metric, options);
 }
 

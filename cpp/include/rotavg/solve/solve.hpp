@@ -4,9 +4,11 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/init/chordal.hpp>
 #include <rotavg/init/random.hpp>
@@ -59,7 +61,8 @@ namespace detail {
 
 /// Rotations of one initial value: solved, gauge fixed, certified.
 inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
-                     const Stopwatch& watch, Rotations R, Solution& solution) {
+                     const Stopwatch& watch, std::vector<Elimination>& eliminations, Rotations R,
+                     Solution& solution) {
   const double before = watch.seconds();
   IterationOptions iteration = options.iteration;
   iteration.time_limit -= before;
@@ -74,7 +77,7 @@ inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
       case Method::automatic:
         break;
     }
-    return solve_automatically(graph, solution.components, std::move(R), iteration, solution.method,
+    return solve_automatically(graph, eliminations, std::move(R), iteration, solution.method,
                                solution.reason);
   }();
   fix_gauge(solution.components, solution.rotations);
@@ -89,7 +92,8 @@ inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
     return watch.seconds() < options.iteration.time_limit &&
            (!options.iteration.keep_going || options.iteration.keep_going());
   };
-  solution.certificate = rotavg::certify(graph, solution.rotations, certificate);
+  solution.certificate =
+      rotavg::certify(graph, solution.rotations, solution.components, eliminations, certificate);
   solution.timings.certify += watch.seconds() - solved;
 }
 
@@ -114,8 +118,10 @@ inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options
   solution.method = options.method;
   solution.init =
       options.init == Initialization::automatic ? Initialization::shortest_path : options.init;
+  const Components components = solution.components;  // solutions are moved about
+  std::vector<Elimination> eliminations = grounded_eliminations(graph, components);
   const auto chordal = [&] {
-    return chordal_init(graph, solution.components, options.certificate.max_factorization_flops,
+    return chordal_init(graph, eliminations, options.certificate.max_factorization_flops,
                         options.iteration.keep_going);
   };
   Rotations R;
@@ -130,7 +136,7 @@ inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options
     R = from_chordal ? std::move(*from_chordal) : shortest_path_init(graph);
   }
   solution.timings.init = watch.seconds();
-  detail::run_from(graph, options, watch, std::move(R), solution);
+  detail::run_from(graph, options, watch, eliminations, std::move(R), solution);
 
   if (free_choice && options.certify && is_converged(solution.status) &&
       solution.certificate.verdict == Verdict::not_certified) {
@@ -139,7 +145,7 @@ inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options
       Solution second = solution;
       second.init = Initialization::chordal;
       second.timings.init += watch.seconds() - before;
-      detail::run_from(graph, options, watch, std::move(*second_start), second);
+      detail::run_from(graph, options, watch, eliminations, std::move(*second_start), second);
       const bool better = second.certificate.verdict != Verdict::not_certified ||
                           second.objective < solution.objective;
       second.reason += better ? "; a second run, from the chordal start, did better"

@@ -1,0 +1,149 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/linalg/symbolic_cholesky.hpp>
+
+namespace rotavg {
+
+/// What all matrices of one component share, its scalar Laplacian and those of 3 x 3 blocks alike:
+/// the sparsity pattern, the order of elimination and the elimination tree. Each is computed when
+/// it is first asked for.
+class Elimination {
+ public:
+  /// @param graph, components must outlive this object
+  /// @param skipped so many of the component's first nodes have no rows in the matrices; without
+  ///        the first, the root, a Laplacian is positive definite
+  Elimination(const MeasurementGraph& graph, const Components& components, Index component,
+              Index skipped = 1)
+      : graph_(&graph), components_(&components), component_(component), skipped_(skipped) {}
+
+  Index skipped() const { return skipped_; }
+  /// Number of rows of blocks.
+  Index size() const { return static_cast<Index>(all_nodes().size()) - skipped_; }
+  /// The component's first node.
+  Index root() const { return all_nodes().front(); }
+  /// The node of row a.
+  Index node(Index a) const { return all_nodes()[a + skipped_]; }
+
+  /// Floating-point operations that a factorisation with blocks of size B takes. Cheap where it is
+  /// certain that they are more than `limit`: then only a lower bound, above the limit, is
+  /// returned.
+  double flops(int B, double limit) {
+    const double operations = 2.0 * B * B * B;
+    if (!order_ && size() > 0) {
+      // With N columns and q entries, sum_j |L_j|^2 >= q^2 / N (Cauchy-Schwarz), parallel edges
+      // aside.
+      double entries = 0.0;
+      for (const Index i : all_nodes()) entries += 0.5 * graph_->row(i).size();
+      const double pairs = 0.5 * size() * (size() + 1.0);
+      const double lower_bound = operations / 2.0 * entries * entries / size();
+      if (entries <= pairs && lower_bound > limit) return lower_bound;
+      order_ = approximate_minimum_degree(pattern());
+    }
+    return order_ ? operations * order_->multiplications : 0.0;
+  }
+
+  const BlockPattern& pattern() {
+    if (pattern_.size() == 0 && size() > 0) build_pattern();
+    return pattern_;
+  }
+
+  std::shared_ptr<const SymbolicCholesky> symbolic() {
+    if (!symbolic_) {
+      if (!order_) order_ = approximate_minimum_degree(pattern());
+      symbolic_ = std::make_shared<SymbolicCholesky>(pattern(), *order_);
+    }
+    return symbolic_;
+  }
+
+  /// The blocks, in the order of pattern().row, of the matrix with `diagonal(i)` at node i, and for
+  /// every edge `off_diagonal(e)` in the row of its end e.i and the column of e.j, and the transpose
+  /// on the other side. Parallel edges add up.
+  template <int B, typename Diagonal, typename OffDiagonal>
+  std::vector<Eigen::Matrix<double, B, B>> assemble(Diagonal&& diagonal,
+                                                    OffDiagonal&& off_diagonal) {
+    using Block = Eigen::Matrix<double, B, B>;
+    std::vector<Block> blocks(pattern().row.size(), Block::Zero());
+    for (Index a = 0; a < size(); ++a) blocks[pattern_.start[a]] = diagonal(node(a));
+    for (const Place& place : places_) {
+      const Block block = off_diagonal(graph_->edges()[place.edge]);
+      if (place.transposed) {
+        blocks[place.entry] += block.transpose();
+      } else {
+        blocks[place.entry] += block;
+      }
+    }
+    return blocks;
+  }
+
+ private:
+  struct Place {
+    Index edge;
+    Index entry;      // in pattern_.row
+    bool transposed;  // whether e.i has the column there
+  };
+
+  const std::vector<Index>& all_nodes() const { return components_->nodes[component_]; }
+  Index row_of(Index node) const { return components_->row_in_component[node] - skipped_; }
+
+  /// Row by row, so that the rows of every column rise.
+  void build_pattern() {
+    const Index n = size();
+    std::vector<Index> begin(static_cast<std::size_t>(n) + 1, 0);  // with parallel edges
+    for (Index a = 0; a < n; ++a) {
+      Index above = 1;  // the diagonal
+      for (const HalfEdge& h : graph_->row(node(a))) above += row_of(h.node) > a;
+      begin[a + 1] = begin[a] + above;
+    }
+    std::vector<Index> row(static_cast<std::size_t>(begin[n])), end(begin.begin(), begin.end() - 1);
+    places_.clear();
+    for (Index a = 0; a < n; ++a) {
+      row[end[a]++] = a;
+      for (const HalfEdge& h : graph_->row(node(a))) {
+        const Index b = row_of(h.node);
+        if (b < 0 || b >= a) continue;
+        if (row[end[b] - 1] != a) row[end[b]++] = a;
+        places_.push_back({h.edge, end[b] - 1, graph_->edges()[h.edge].i == h.node});
+      }
+    }
+    // Without the room that parallel edges would have taken.
+    std::vector<Index> moved_by(static_cast<std::size_t>(n));
+    pattern_.row.reserve(row.size());
+    for (Index a = 0; a < n; ++a) {
+      moved_by[a] = begin[a] - static_cast<Index>(pattern_.row.size());
+      pattern_.row.insert(pattern_.row.end(), row.begin() + begin[a], row.begin() + end[a]);
+      pattern_.start.push_back(static_cast<Index>(pattern_.row.size()));
+    }
+    if (pattern_.row.size() == row.size()) return;
+    for (Place& place : places_) {
+      const Edge& e = graph_->edges()[place.edge];
+      place.entry -= moved_by[std::min(row_of(e.i), row_of(e.j))];
+    }
+  }
+
+  const MeasurementGraph* graph_;
+  const Components* components_;
+  Index component_, skipped_;
+  BlockPattern pattern_;
+  std::vector<Place> places_;
+  std::optional<EliminationOrder> order_;
+  std::shared_ptr<const SymbolicCholesky> symbolic_;
+};
+
+/// One for each component, without its root.
+inline std::vector<Elimination> grounded_eliminations(const MeasurementGraph& graph,
+                                                      const Components& components) {
+  std::vector<Elimination> eliminations;
+  for (Index c = 0; c < components.size(); ++c) eliminations.emplace_back(graph, components, c);
+  return eliminations;
+}
+
+}  // namespace rotavg

@@ -1,0 +1,264 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <functional>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// The first columns of a dense Cholesky factorisation, and what they leave of the rest:
+///
+///     [ A11      ]   [ L11    ] [ L11^T  L21^T ]   [ 0             ]
+///     [ A21  A22 ] = [ L21  I ] [          I   ] + [ 0  A22 - L21 L21^T ].
+///
+/// Column-major; only lower triangles are read, and what stands above the diagonals loses its
+/// meaning. The work is done on tiles that stay in registers, 3 columns wide, from copies of the
+/// finished columns packed in the order in which the tiles read them. Within a block of columns a
+/// tile subtracts what the columns to its left contribute and is solved with the 3 x 3 triangle
+/// above it ("left-looking"); a finished block is then subtracted from all that is to its right.
+///
+/// An object keeps its buffers between calls.
+class PartialCholesky {
+ public:
+  /// @param panel (pivots + below) x pivots, leading dimension pivots + below: [A11; A21] in, [L11;
+  ///        L21] out
+  /// @param rest below x below, leading dimension below: A22 in, A22 - L21 L21^T out
+  /// @param keep_going asked after every few million operations; false stops
+  /// @returns whether all pivots were positive and finite; if not, or if stopped, what is returned
+  ///          is unfinished
+  bool operator()(double* panel, Index pivots, Index below, double* rest,
+                  const std::function<bool()>& keep_going = {}) {
+    const Index stride = pivots + below;
+    for (Index begin = 0; begin < pivots; begin += block) {
+      const Index width = std::min(block, pivots - begin);
+      const Index right = pivots - begin - width;  // columns of the panel that remain
+      top_.assign(pivots - begin, width);
+      bottom_.assign(below, width);
+      double* const top = panel + at(begin, begin, stride);
+      double* const bottom = panel + at(pivots, begin, stride);
+      if (!factorize_block(top, bottom, stride, width)) return false;
+      const bool finished =
+          subtract_products(top + at(width, width, stride), stride, {top_, width, right},
+                            {top_, width, right}, keep_going) &&
+          subtract_products(bottom + at(0, width, stride), stride, {bottom_, 0, below},
+                            {top_, width, right}, keep_going) &&
+          subtract_products(rest, below, {bottom_, 0, below}, {bottom_, 0, below}, keep_going);
+      if (!finished) return false;
+    }
+    return true;
+  }
+
+ private:
+  // Numbers in a register. (Wider ones, where there are any, leave more of small tiles unused.)
+  static constexpr Index lanes = EIGEN_MAX_STATIC_ALIGN_BYTES >= 32 ? 4 : 2;
+  static constexpr Index packs = 3;
+  static constexpr Index tile_rows = packs * lanes;
+  static constexpr Index tile_columns = 3;
+  static constexpr Index block = 96;  // columns: a strip of rows, tile_rows x block, stays near
+  using Pack = Eigen::Array<double, lanes, 1>;
+  using UnalignedPack = Eigen::Map<Pack>;
+  using AlignedPack = Eigen::Map<const Pack, Eigen::AlignedMax>;
+
+  static Index round_up(Index size, Index multiple) {
+    return (size + multiple - 1) / multiple * multiple;
+  }
+  static std::size_t at(Index row, Index column, Index rows) {
+    return static_cast<std::size_t>(column) * rows + row;
+  }
+
+  /// The lower triangle of a diagonal block of L; the inverse of its diagonal beside it.
+  struct Triangle {
+    double L[tile_columns][tile_columns] = {};
+    double pivot[tile_columns] = {};
+  };
+
+  /// Finished columns of L in strips of tile_rows rows, each strip column by column; rows beyond
+  /// the last are zero.
+  class PackedRows {
+   public:
+    void assign(Index rows, Index columns) {
+      rows_ = rows;
+      depth_ = round_up(columns, tile_columns);  // padded with zeros
+      num_strips_ = (rows + tile_rows - 1) / tile_rows;
+      stride_ = static_cast<std::size_t>(depth_) * tile_rows;
+      const std::size_t size = stride_ * num_strips_;
+      if (values_.size() < size) values_.resize(size);
+    }
+    Index rows() const { return rows_; }
+    Index depth() const { return depth_; }
+    Index num_strips() const { return num_strips_; }
+    double* strip(Index s) { return values_.data() + s * stride_; }
+    /// Where row r begins: its entries stand tile_rows apart.
+    double* row(Index r) { return strip(r / tile_rows) + r % tile_rows; }
+
+   private:
+    std::vector<double, Eigen::aligned_allocator<double>> values_;
+    Index rows_ = 0, depth_ = 0, num_strips_ = 0;
+    std::size_t stride_ = 0;
+  };
+
+  /// tile_rows x tile_columns of a product of packed rows, in registers.
+  struct Tile {
+    Pack sum[tile_columns][packs];
+
+    /// sum_k a(., k) b(., k)^T for k = 0 … depth-1.
+    EIGEN_STRONG_INLINE Tile(const double* a, const double* b, Index depth) {
+      Pack s00 = Pack::Zero(), s01 = s00, s02 = s00, s10 = s00, s11 = s00, s12 = s00, s20 = s00,
+           s21 = s00, s22 = s00;
+      for (Index k = 0; k < depth; ++k, a += tile_rows, b += tile_rows) {
+        const Pack a0 = AlignedPack(a), a1 = AlignedPack(a + lanes), a2 = AlignedPack(a + 2 * lanes);
+        const double b0 = b[0], b1 = b[1], b2 = b[2];
+        s00 += a0 * b0;
+        s01 += a1 * b0;
+        s02 += a2 * b0;
+        s10 += a0 * b1;
+        s11 += a1 * b1;
+        s12 += a2 * b1;
+        s20 += a0 * b2;
+        s21 += a1 * b2;
+        s22 += a2 * b2;
+      }
+      sum[0][0] = s00, sum[0][1] = s01, sum[0][2] = s02;
+      sum[1][0] = s10, sum[1][1] = s11, sum[1][2] = s12;
+      sum[2][0] = s20, sum[2][1] = s21, sum[2][2] = s22;
+    }
+
+    /// Subtracts rows `skipped` … `rows`-1 of the tile, whose first stands at C(row, column).
+    EIGEN_STRONG_INLINE void subtract_from(double* C, Index row, Index column, Index stride,
+                                           Index skipped, Index rows, Index columns) const {
+      const bool whole = skipped == 0 && rows == tile_rows && columns == tile_columns;
+      for (Index c = 0; c < columns; ++c) {
+        double* const out = C + at(0, column + c, stride) + row;
+        if (whole) {
+          for (Index p = 0; p < packs; ++p) UnalignedPack(out + p * lanes) -= sum[c][p];
+        } else {
+          for (Index r = skipped; r < rows; ++r) out[r] -= sum[c][r / lanes](r % lanes);
+        }
+      }
+    }
+  };
+
+  /// Factorises the first `width` columns, and packs them.
+  bool factorize_block(double* top, double* bottom, Index stride, Index width) {
+    for (Index c = 0; c < width; c += tile_columns) {
+      const Index columns = std::min(tile_columns, width - c);
+      Triangle triangle;
+      if (!factorize_diagonal(top + at(c, c, stride), stride, columns, c, triangle)) return false;
+      // The strips of rows below, beginning with the one that holds the diagonal block.
+      const double* const pivot_rows = top_.row(c);
+      for (Index s = c / tile_rows; s < top_.num_strips(); ++s) {
+        const Index first = s * tile_rows;
+        const Index done = std::max<Index>(0, c + columns - first);
+        solve_strip(top + at(first, c, stride), stride, std::min(tile_rows, top_.rows() - first),
+                    done, columns, c, triangle, top_.strip(s), pivot_rows);
+      }
+      for (Index s = 0; s < bottom_.num_strips(); ++s) {
+        const Index first = s * tile_rows;
+        solve_strip(bottom + at(first, c, stride), stride,
+                    std::min(tile_rows, bottom_.rows() - first), 0, columns, c, triangle,
+                    bottom_.strip(s), pivot_rows);
+      }
+    }
+    return true;
+  }
+
+  /// Some of the packed rows.
+  struct Range {
+    PackedRows& packed;
+    Index begin;  // a multiple of tile_columns
+    Index size;
+  };
+
+  /// C -= A B^T, C of size A.size x B.size; only its lower triangle where A and B are the same.
+  bool subtract_products(double* C, Index stride, Range A, Range B,
+                         const std::function<bool()>& keep_going) {
+    if (A.size == 0 || B.size == 0) return true;
+    const bool lower = &A.packed == &B.packed;
+    const Index end = A.begin + A.size;
+    for (Index s = A.begin / tile_rows; s < A.packed.num_strips(); ++s) {
+      if (keep_going && !keep_going()) return false;
+      const Index first = s * tile_rows;
+      const Index last = std::min(first + tile_rows, end);
+      const Index skipped = std::max<Index>(0, A.begin - first);
+      const Index columns = lower ? std::min(B.size, last - A.begin) : B.size;
+      for (Index c = 0; c < columns; c += tile_columns) {
+        const Tile tile(A.packed.strip(s), B.packed.row(B.begin + c), A.packed.depth());
+        tile.subtract_from(C, first - A.begin, c, stride, skipped, last - first,
+                           std::min(tile_columns, B.size - c));
+      }
+    }
+    return true;
+  }
+
+  /// Subtracts from a diagonal block what the columns before c contribute, and factorises it.
+  bool factorize_diagonal(double* A, Index stride, Index width, Index c, Triangle& triangle) {
+    const double* const row = top_.row(c);
+    for (Index j = 0; j < width; ++j) {
+      for (Index i = j; i < width; ++i) {
+        double sum = 0.0;
+        for (Index k = 0; k < c; ++k) sum += row[at(i, k, tile_rows)] * row[at(j, k, tile_rows)];
+        double a = A[at(i, j, stride)] - sum;
+        for (Index k = 0; k < j; ++k) a -= triangle.L[i][k] * triangle.L[j][k];
+        if (i == j) {
+          if (!(a > 0.0) || !std::isfinite(a)) return false;
+          triangle.pivot[j] = triangle.L[j][j] = std::sqrt(a);
+        } else {
+          triangle.L[i][j] = a / triangle.pivot[j];
+        }
+        A[at(i, j, stride)] = triangle.L[i][j];
+      }
+    }
+    return true;
+  }
+
+  /// Subtracts from rows of the current columns what the columns before c contribute, solves with
+  /// the triangle above, and packs the result. The first `skipped` rows are done or lie above the
+  /// diagonal; the packed copy holds the triangle there.
+  void solve_strip(double* A, Index stride, Index rows, Index skipped, Index width, Index c,
+                   const Triangle& triangle, double* packed, const double* pivot_rows) {
+    Tile tile(packed, pivot_rows, c);
+    double* const out = packed + at(0, c, tile_rows);
+    const bool whole = rows == tile_rows && skipped == 0 && width == tile_columns;
+    for (Index j = 0; j < tile_columns; ++j) {
+      for (Index p = 0; p < packs; ++p) {
+        Pack x = Pack::Zero();
+        if (whole) {
+          x = UnalignedPack(A + at(p * lanes, j, stride));
+        } else if (j < width) {
+          for (Index r = 0; r < lanes; ++r) {
+            const Index row = p * lanes + r;
+            if (row >= skipped && row < rows) x(r) = A[at(row, j, stride)];
+          }
+        }
+        x -= tile.sum[j][p];
+        for (Index k = 0; k < j; ++k) x -= tile.sum[k][p] * triangle.L[j][k];
+        if (j < width) x /= triangle.pivot[j];
+        tile.sum[j][p] = x;  // now of L
+        if (whole) UnalignedPack(A + at(p * lanes, j, stride)) = x;
+        Eigen::Map<Pack, Eigen::AlignedMax>(out + at(p * lanes, j, tile_rows)) = x;
+      }
+      if (whole) continue;
+      for (Index r = 0; r < tile_rows; ++r) {
+        double& copy = out[at(r, j, tile_rows)];
+        if (r >= rows || j >= width) {
+          copy = 0.0;
+        } else if (r >= skipped) {
+          A[at(r, j, stride)] = copy;
+        } else {  // the triangle, and zeros above it
+          const Index i = r - (skipped - width);
+          copy = i >= j ? triangle.L[i][j] : 0.0;
+        }
+      }
+    }
+  }
+
+  PackedRows top_, bottom_;
+};
+
+}  // namespace rotavg

@@ -1,0 +1,257 @@
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <new>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+#include <amd.h>
+
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// Where a symmetric matrix of blocks has entries: its lower triangle by columns, in compressed
+/// form. The rows of a column rise, and the first is the diagonal.
+struct BlockPattern {
+  std::vector<Index> start = {0};  ///< (n + 1,) where each column begins in `row`
+  std::vector<Index> row;
+
+  Index size() const { return static_cast<Index>(start.size()) - 1; }
+};
+
+/// An order of elimination that keeps the Cholesky factor sparse.
+struct EliminationOrder {
+  std::vector<Index> node;  ///< (n,) the node that is eliminated k-th
+  /// Multiplications that a factorisation in this order takes, with blocks of size one; for blocks
+  /// of size B about B^3 times as many.
+  double multiplications = 0.0;
+};
+
+/// Approximate minimum degree (Amestoy, Davis and Duff 2004), by SuiteSparse's AMD.
+/// @throws std::bad_alloc
+inline EliminationOrder approximate_minimum_degree(const BlockPattern& pattern) {
+  EliminationOrder order;
+  order.node.resize(static_cast<std::size_t>(pattern.size()));
+  double control[AMD_CONTROL], info[AMD_INFO];
+  amd_defaults(control);
+  const int status = amd_order(pattern.size(), pattern.start.data(), pattern.row.data(),
+                               order.node.data(), control, info);
+  if (status == AMD_OUT_OF_MEMORY) throw std::bad_alloc();
+  if (status < 0) throw std::logic_error("the pattern is not that of a symmetric matrix");
+  order.multiplications = info[AMD_NMULTSUBS_LDL] + info[AMD_LNZ];
+  return order;
+}
+
+/// What a Cholesky factorisation needs to know of a pattern: the elimination tree (Liu 1990), cut
+/// into supernodes, which are neighbouring columns of L with (nearly) the same rows. It does not
+/// depend on the size of the blocks, so one analysis of a graph serves its scalar Laplacian and all
+/// its matrices of 3 x 3 blocks.
+///
+/// Columns are counted in the order of elimination: column k is that of node order.node[k].
+class SymbolicCholesky {
+ public:
+  struct Supernode {
+    Index begin = 0, end = 0;  ///< columns
+    Index parent = -1;         ///< supernode, -1 for a root
+    std::vector<Index> below;  ///< further rows, rising
+
+    Index columns() const { return end - begin; }
+    Index num_below() const { return static_cast<Index>(below.size()); }
+    std::size_t rows() const { return below.size() + (end - begin); }
+  };
+  /// An entry of the pattern in the column where it is eliminated.
+  struct Entry {
+    Index index;      ///< in pattern.row
+    Index row;        ///< not above the column
+    bool transposed;  ///< whether the pattern holds it as the block (column, row)
+  };
+
+  SymbolicCholesky(const BlockPattern& pattern, EliminationOrder order)
+      : node_(std::move(order.node)) {
+    // Postordered, each subtree of the elimination tree is a range of columns.
+    eliminate(pattern);
+    const std::vector<Index> post = postorder();
+    std::vector<Index> node(node_.size());
+    for (std::size_t k = 0; k < node.size(); ++k) node[k] = node_[post[k]];
+    node_ = std::move(node);
+    eliminate(pattern);
+    find_supernodes();
+    find_rows();
+  }
+
+  Index size() const { return static_cast<Index>(node_.size()); }
+  /// (n,) the node of each column.
+  const std::vector<Index>& node() const { return node_; }
+  const std::vector<Supernode>& supernodes() const { return supernodes_; }
+  const Entry* entries_begin(Index column) const { return entries_.data() + start_[column]; }
+  const Entry* entries_end(Index column) const { return entries_.data() + start_[column + 1]; }
+
+ private:
+  /// Places the entries in their columns, and finds the parent of every column: the first row below
+  /// the diagonal in its column of L.
+  void eliminate(const BlockPattern& pattern) {
+    const Index n = size();
+    std::vector<Index> column_of(static_cast<std::size_t>(n));
+    for (Index k = 0; k < n; ++k) column_of[node_[k]] = k;
+    start_.assign(static_cast<std::size_t>(n) + 1, 0);
+    rows_start_ = start_;
+    const auto for_each_entry = [&](auto&& f) {
+      for (Index j = 0; j < n; ++j) {
+        for (Index e = pattern.start[j]; e < pattern.start[j + 1]; ++e) {
+          const Index a = column_of[pattern.row[e]], b = column_of[j];
+          f(Entry{e, std::max(a, b), a < b}, std::min(a, b));
+        }
+      }
+    };
+    for_each_entry([&](const Entry& entry, Index column) {
+      ++start_[column + 1];
+      ++rows_start_[entry.row + 1];
+    });
+    for (Index k = 0; k < n; ++k) {
+      start_[k + 1] += start_[k];
+      rows_start_[k + 1] += rows_start_[k];
+    }
+    entries_.resize(pattern.row.size());
+    rows_.resize(pattern.row.size());
+    std::vector<Index> next(start_.begin(), start_.end() - 1);
+    std::vector<Index> next_in_row(rows_start_.begin(), rows_start_.end() - 1);
+    for_each_entry([&](const Entry& entry, Index column) {
+      entries_[next[column]++] = entry;
+      rows_[next_in_row[entry.row]++] = column;
+    });
+
+    parent_.assign(static_cast<std::size_t>(n), -1);
+    std::vector<Index> ancestor(parent_);
+    for (Index k = 0; k < n; ++k) {
+      for (Index e = rows_start_[k]; e < rows_start_[k + 1]; ++e) {
+        for (Index i = rows_[e]; i != -1 && i < k;) {
+          const Index up = std::exchange(ancestor[i], k);
+          if (up == -1) parent_[i] = k;
+          i = up;
+        }
+      }
+    }
+  }
+
+  /// Children before parents, subtree by subtree.
+  std::vector<Index> postorder() const {
+    const Index n = size();
+    std::vector<Index> first_child(static_cast<std::size_t>(n), -1), sibling(first_child);
+    for (Index k = n - 1; k >= 0; --k) {
+      if (parent_[k] >= 0) sibling[k] = std::exchange(first_child[parent_[k]], k);
+    }
+    std::vector<Index> order, stack;
+    order.reserve(static_cast<std::size_t>(n));
+    for (Index root = 0; root < n; ++root) {
+      if (parent_[root] >= 0) continue;
+      stack.push_back(root);
+      while (!stack.empty()) {
+        const Index k = stack.back();
+        if (first_child[k] >= 0) {
+          stack.push_back(std::exchange(first_child[k], -1));
+          continue;
+        }
+        stack.pop_back();
+        order.push_back(k);
+        if (sibling[k] >= 0) stack.push_back(sibling[k]);
+      }
+    }
+    return order;
+  }
+
+  /// Number of rows below the diagonal in every column of L: column i has row k if it lies on a
+  /// path of the tree from an entry of row k up to k.
+  std::vector<Index> column_counts() const {
+    const Index n = size();
+    std::vector<Index> count(static_cast<std::size_t>(n), 0), visited(count);
+    for (Index k = 0; k < n; ++k) {
+      visited[k] = k;
+      for (Index e = rows_start_[k]; e < rows_start_[k + 1]; ++e) {
+        for (Index i = rows_[e]; visited[i] != k; i = parent_[i]) {
+          ++count[i];
+          visited[i] = k;
+        }
+      }
+    }
+    return count;
+  }
+
+  /// Columns that share their rows become a supernode; then a supernode joins its parent where that
+  /// fills in few zeros, as larger blocks are worth more than a few operations.
+  void find_supernodes() {
+    const std::vector<Index> count = column_counts();
+    struct Block {
+      Index begin, end, below;
+      double nonzeros;
+    };
+    const auto entries = [](double columns, double below) {
+      return columns * (columns + 1.0) / 2.0 + columns * below;
+    };
+    std::vector<Block> blocks;
+    for (Index begin = 0; begin < size();) {
+      Index end = begin + 1;
+      while (end < size() && parent_[end - 1] == end && count[end - 1] == count[end] + 1) ++end;
+      Block block{begin, end, count[end - 1], entries(end - begin, count[end - 1])};
+      begin = end;
+      // Its last child stands just before it.
+      while (!blocks.empty()) {
+        const Block& child = blocks.back();
+        const Index parent = parent_[child.end - 1];
+        if (parent < block.begin || parent >= block.end) break;
+        const double columns = block.end - child.begin;
+        const double nonzeros = child.nonzeros + block.nonzeros;
+        const double zeros = 1.0 - nonzeros / entries(columns, block.below);
+        const double allowed = columns <= 4 ? 0.5 : columns <= 16 ? 0.15 : 0.05;
+        if (zeros > allowed) break;
+        block.begin = child.begin;
+        block.nonzeros = nonzeros;
+        blocks.pop_back();
+      }
+      blocks.push_back(block);
+    }
+    supernodes_.resize(blocks.size());
+    for (std::size_t s = 0; s < blocks.size(); ++s) {
+      supernodes_[s].begin = blocks[s].begin;
+      supernodes_[s].end = blocks[s].end;
+    }
+  }
+
+  /// The rows of a supernode: those of its entries and those of its children.
+  void find_rows() {
+    std::vector<Index> supernode_of(static_cast<std::size_t>(size())), visited(supernode_of);
+    const auto num_supernodes = static_cast<Index>(supernodes_.size());
+    for (Index s = 0; s < num_supernodes; ++s) {
+      for (Index k = supernodes_[s].begin; k < supernodes_[s].end; ++k) supernode_of[k] = s;
+    }
+    visited.assign(visited.size(), -1);
+    std::vector<std::vector<Index>> children(supernodes_.size());
+    for (Index s = 0; s < num_supernodes; ++s) {
+      Supernode& node = supernodes_[s];
+      const auto add = [&](Index row) {
+        if (row >= node.end && std::exchange(visited[row], s) != s) node.below.push_back(row);
+      };
+      for (Index k = node.begin; k < node.end; ++k) {
+        for (const Entry* e = entries_begin(k); e != entries_end(k); ++e) add(e->row);
+      }
+      for (const Index child : children[s]) {
+        for (const Index row : supernodes_[child].below) add(row);
+      }
+      std::sort(node.below.begin(), node.below.end());
+      if (node.below.empty()) continue;
+      node.parent = supernode_of[node.below.front()];
+      children[node.parent].push_back(s);
+    }
+  }
+
+  std::vector<Index> node_;
+  std::vector<Index> parent_;  // of columns
+  std::vector<Index> start_;
+  std::vector<Entry> entries_;
+  std::vector<Index> rows_start_, rows_;  // columns of the entries of each row
+  std::vector<Supernode> supernodes_;
+};
+
+}  // namespace rotavg
