@@ -4,7 +4,7 @@
 
 #include "bindings.hpp"
 
-PYBIND11_MODULE(_core, m) {
+PYBIND11_MODULE(ROTAVG_CORE, m) {
   m.doc() = "The C++ core of rotavg. Use the package `rotavg`, which checks and documents it.";
   m.attr("__version__") = ROTAVG_VERSION;
   rotavg_python::bind_graph(m);

@@ -15,6 +15,7 @@
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/objective.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
 
 namespace rotavg {
 
@@ -68,16 +69,14 @@ struct Measure {
   double relative(double gap) const { return gap / std::max(objective, 1e-6 * weight); }
 };
 
-inline Measure measure_component(const MeasurementGraph& graph, const Rotations& R,
+inline Measure measure_component(const ResidualQuaternions& residuals,
                                  const std::vector<Index>& nodes) {
   Measure measure;
   for (const Index i : nodes) {
-    for (const HalfEdge& h : graph.row(i)) {
-      const Edge& e = graph.edges()[h.edge];
-      if (e.i != i) continue;  // each edge once
-      measure.objective += e.weight * residual(e, R).squaredNorm();
-      measure.weight += e.weight;
+    for (const HalfEdge& h : residuals.graph().row(i)) {
+      if (h.is_i()) measure.objective += 8.0 * residuals()[h.edge()].head<3>().squaredNorm();
     }
+    measure.weight += 0.5 * residuals.graph().degree(i);
   }
   measure.objective += objective_rounding(measure.weight, measure.objective);
   return measure;
@@ -123,15 +122,16 @@ inline Certificate certify(const MeasurementGraph& graph, const Rotations& R,
                            const CertificateOptions& options) {
   const int num_threads = resolve_num_threads(options.num_threads, graph.num_edges());
 
+  const ResidualQuaternions residuals(graph, to_quaternions(R), num_threads);
   Certificate certificate;
   certificate.gap = certificate.relative_gap = 0.0;
   certificate.lambda_min = std::numeric_limits<double>::infinity();
   certificate.method = CertificateMethod::factorization;
   for (Index c = 0; c < components.size(); ++c) {
     if (components.nodes[c].size() < 2) continue;
-    const CertificateMatrix S(graph, R, components, c, num_threads);
+    const CertificateMatrix S(residuals, components, c);
     const ComponentBound bound = detail::bound_component(S, eliminations[c], options);
-    const detail::Measure measure = detail::measure_component(graph, R, components.nodes[c]);
+    const detail::Measure measure = detail::measure_component(residuals, components.nodes[c]);
     // f* >= 0 is a bound as well, and a proof where nothing is left to gain.
     const double gap = std::min(bound.gap, measure.objective);
     const bool nothing_left = measure.relative(measure.objective) <= options.tolerance;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <vector>
 
@@ -11,112 +12,124 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/parallel/threads.hpp>
-#include <rotavg/problem/connection.hpp>
-#include <rotavg/problem/gradient.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/so3/lie.hpp>
+#include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
 
-/// S = Lambda - Rt (Theorem 1, (5)) of one connected component, n nodes, 3n x 3n, with
+/// S = Lambda - Rt (Theorem 1, (5)) of one connected component, n nodes, with
 ///
 ///     Lambda_i = sym( sum_j Rt_ij R_j^T R_i ),
 ///
-/// symmetrised block by block, so that tr(Lambda) = tr(R Rt R^T) at any R, stationary or not.
-/// At a stationary point S R^T = 0; elsewhere S R^T is the leftover of the gradient.
+/// symmetrised block by block, so that tr(Lambda) = tr(R Rt R^T) at any R, stationary or not; and
+/// all of it turned into the global frame, R_i S_ij R_j^T, which changes no eigenvalue. There the
+/// blocks are
+///
+///     S_ij = - sum E_ij,     S_ii = sum sym E_ij,     E_ij = w R_i R_ij R_j^T,
+///
+/// so that S = L (x) I_3 where all residuals vanish. At a stationary point S N = 0 with N = [I … I]^T;
+/// elsewhere S N is the leftover of the gradient.
 class CertificateMatrix {
  public:
-  /// @param graph, R, components must outlive this object
-  CertificateMatrix(const MeasurementGraph& graph, const Rotations& R, const Components& components,
-                    Index component, int num_threads)
-      : graph_(graph),
-        R_(R),
+  /// @param residuals of R; they and the components must outlive this object
+  CertificateMatrix(const ResidualQuaternions& residuals, const Components& components,
+                    Index component)
+      : residuals_(residuals),
         components_(components),
         component_(component),
         nodes_(components.nodes[component]),
-        num_threads_(num_threads),
-        lambda_(nodes_.size()),
-        skew_(nodes_.size()) {
-    parallel_for(num_nodes(), num_threads_, [&](Index a) {
-      const Index i = nodes_[a];
-      const Matrix3 M = -linear_cost(graph_, R_, i) * R_[i];  // sum_j Rt_ij R_j^T R_i
-      lambda_[a] = 0.5 * (M + M.transpose());
-      skew_[a] = 0.5 * (M - M.transpose());
+        diagonal_(nodes_.size()) {
+    parallel_for(num_nodes(), residuals_.num_threads(), [&](Index a) {
+      // w sym E = (s^2 - |v|^2) I + 2 v v^T = w I - 2 (|v|^2 I - v v^T)
+      Matrix3 less = Matrix3::Zero();
+      for (const HalfEdge& h : graph().row(nodes_[a])) {
+        const Vector3 v = residuals_()[h.edge()].head<3>();
+        less += v.squaredNorm() * Matrix3::Identity() - v * v.transpose();
+      }
+      diagonal_[a] = graph().degree(nodes_[a]) * Matrix3::Identity() - 2.0 * less;
     });
   }
 
-  const MeasurementGraph& graph() const { return graph_; }
+  const MeasurementGraph& graph() const { return residuals_.graph(); }
+  const ResidualQuaternions& residuals() const { return residuals_; }
   const Components& components() const { return components_; }
   Index component() const { return component_; }
+  const std::vector<Index>& nodes() const { return nodes_; }
   Index num_nodes() const { return static_cast<Index>(nodes_.size()); }
   Eigen::Index size() const { return 3 * static_cast<Eigen::Index>(num_nodes()); }
+  const Matrix3& diagonal(Index a) const { return diagonal_[a]; }
 
   /// S X, without forming S.
   Eigen::MatrixXd apply(const Eigen::MatrixXd& X) const {
     Eigen::MatrixXd Y(X.rows(), X.cols());
-    parallel_for(num_nodes(), num_threads_, [&](Index a) {
+    parallel_for(num_nodes(), residuals_.num_threads(), [&](Index a) {
       auto Y_a = Y.middleRows<3>(3 * a);
-      Y_a = lambda_[a].lazyProduct(X.middleRows<3>(3 * a));
-      for (const HalfEdge& h : graph_.row(nodes_[a])) {
-        Y_a -= h.block.lazyProduct(X.middleRows<3>(3 * components_.row_in_component[h.node]));
+      Y_a = diagonal_[a].lazyProduct(X.middleRows<3>(3 * a));
+      for (const HalfEdge& h : graph().row(nodes_[a])) {
+        const Quaternion e(residuals_()[h.edge()]);
+        const Matrix3 E = weighted_rotation(h.is_i() ? e : e.conjugate());
+        Y_a -= E.lazyProduct(X.middleRows<3>(3 * components_.row_in_component[h.node]));
       }
     });
     return Y;
   }
 
-  /// D^-1 X with D the weighted degrees: the simplest preconditioner.
+  /// D^-1 X, every node's rows divided by its degree: a preconditioner close to S^-1 on graphs that
+  /// are so dense that S cannot be factorised.
   Eigen::MatrixXd divide_by_degree(Eigen::MatrixXd X) const {
-    for (Index a = 0; a < num_nodes(); ++a) X.middleRows<3>(3 * a) /= graph_.degree(nodes_[a]);
+    for (Index a = 0; a < num_nodes(); ++a) X.middleRows<3>(3 * a) /= graph().degree(nodes_[a]);
     return X;
   }
 
-  /// R^T, 3n x 3: the null vectors of S at a stationary point.
+  /// N / sqrt(n), 3n x 3, orthonormal: the null vectors of S at a stationary point.
   Eigen::MatrixXd null_vectors() const {
-    Eigen::MatrixXd N(size(), 3);
-    for (Index a = 0; a < num_nodes(); ++a) N.middleRows<3>(3 * a) = R_[nodes_[a]].transpose();
-    return N;
+    return Matrix3::Identity().replicate(num_nodes(), 1) / std::sqrt(double(num_nodes()));
   }
 
-  /// S R^T, 3n x 3, from the skew parts that Lambda lost: -skew(sum_j Rt_ij R_j^T R_i) R_i^T.
-  /// Its Frobenius norm is sqrt(2) / 4 times the norm of the gradient.
+  /// S N, 3n x 3: -skew(sum_j E_ij) = -[g_i / 4] with g the gradient.
   Eigen::MatrixXd leftover() const {
     Eigen::MatrixXd K(size(), 3);
     for (Index a = 0; a < num_nodes(); ++a) {
-      K.middleRows<3>(3 * a) = -skew_[a] * R_[nodes_[a]].transpose();
+      K.middleRows<3>(3 * a) = hat(-0.25 * residuals_.gradient(nodes_[a]));
     }
     return K;
   }
 
-  /// A bound on what rounding in Lambda, in the leftover and in the blocks of Rt adds to tr(S Y)
-  /// for feasible Y: at a node with q edges, q + 10 roundings of nine entries of size deg, eight
-  /// times over for what multiplies them.
+  /// A bound on what rounding in the blocks adds to tr(S Y) for feasible Y (Y >= 0, Y_ii = I). A
+  /// residual quaternion carries a relative error of at most 32 u (two products, three conversions
+  /// from matrices), its E_ij one of 214 u w in the Frobenius norm; |Y_ij|_F <= sqrt(3), and E_ij
+  /// stands in S twice: 742 u w for every edge, half of it at each end. A diagonal block, a sum of
+  /// q terms, adds 3 (q + 64) u deg_i.
   double rounding_trace() const {
     constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
     double sum = 0.0;
-    for (const Index i : nodes_) sum += 72.0 * (graph_.row(i).size() + 10) * graph_.degree(i);
+    for (const Index i : nodes_) {
+      sum += (3.0 * (graph().row(i).size() + 64.0) + 371.0) * graph().degree(i);
+    }
     return unit * sum;
   }
 
   double max_degree() const {
     double largest = 0.0;
-    for (const Index i : nodes_) largest = std::max(largest, graph_.degree(i));
+    for (const Index i : nodes_) largest = std::max(largest, graph().degree(i));
     return largest;
   }
 
   /// S without the nodes that the elimination skips.
   BlockCholesky<3>::Blocks blocks(Elimination& elimination) const {
-    return diagonal_minus_measurements(elimination, [this](Index i) -> const Matrix3& {
-      return lambda_[components_.row_in_component[i]];
-    });
+    return elimination.assemble<3>(
+        [this](Index i) -> const Matrix3& { return diagonal_[components_.row_in_component[i]]; },
+        [this](Index k) -> Matrix3 { return -weighted_rotation(Quaternion(residuals_()[k])); });
   }
 
  private:
-  const MeasurementGraph& graph_;
-  const Rotations& R_;
+  const ResidualQuaternions& residuals_;
   const Components& components_;
   Index component_;
   const std::vector<Index>& nodes_;
-  int num_threads_;
-  std::vector<Matrix3> lambda_, skew_;
+  std::vector<Matrix3> diagonal_;
 };
 
 }  // namespace rotavg

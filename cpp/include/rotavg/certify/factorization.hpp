@@ -11,6 +11,8 @@
 #include <rotavg/certify/min_eigenvalue.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
+#include <rotavg/linalg/small_eigen.hpp>
+#include <rotavg/linalg/tall.hpp>
 
 namespace rotavg {
 
@@ -54,19 +56,31 @@ inline ComponentBound bound_by_grounded_factorization(const CertificateMatrix& S
   const Eigen::MatrixXd K = S.leftover();
   const Eigen::Index rows = cholesky.size();
   ComponentBound bound;
-  const double trace_Q = K.bottomRows(rows).cwiseProduct(cholesky.solve(K.bottomRows(rows))).sum();
-  bound.gap = std::max(trace_Q, 0.0) + 4.0 * cholesky.rounding_trace() + S.rounding_trace();
+  Eigen::MatrixXd Z = Eigen::MatrixXd::Zero(S.size(), 3);
+  Z.bottomRows(rows) = cholesky.solve(K.bottomRows(rows));
+  const Matrix3 Q = inner_products(K, Z);
+  bound.gap =
+      std::max(Q.trace(), 0.0) + 4.0 * cholesky.rounding_trace() + S.rounding_trace();
   bound.evidence = Evidence::proof;
 
+  // u^T N^T S N u = 0 and S >= -e e^T (x) Q: lambda_min lies between -lambda_max(Q) and zero.
+  const SmallEigen eigen = small_eigen(0.5 * (Q + Q.transpose()));
+  const double largest = std::max(eigen.values(2), 0.0);
+  if (largest <= 1e-13 * S.max_degree()) {
+    bound.lambda_min = -largest / S.num_nodes();  // to first order
+    return bound;
+  }
+  // Its vector is close to N u - Z u with u the direction in which Q is largest.
+  Eigen::MatrixXd start(S.size(), 4);
+  start.leftCols<3>() = S.null_vectors();
+  start.col(3) = combinations(Z, eigen.vectors.rightCols<1>());
   const LinearOperator inverse = [&](const Eigen::MatrixXd& X) {
     Eigen::MatrixXd Y = Eigen::MatrixXd::Zero(X.rows(), X.cols());
     Y.topRows<3>() = X.topRows<3>() / S.max_degree();
     Y.bottomRows(rows) = cholesky.solve(X.bottomRows(rows));
     return Y;
   };
-  // S >= 0 but for the leftover, so the smallest eigenvalue lies by the null vectors.
-  bound.lambda_min =
-      value_or_nan(min_eigenvalue(S, orthonormal_null_vectors(S), inverse, keep_going));
+  bound.lambda_min = value_or_nan(min_eigenvalue(S, start, inverse, keep_going));
   return bound;
 }
 

@@ -24,7 +24,7 @@ inline double min_eigenvalue_of_measurements(const MeasurementGraph& graph, int 
     parallel_for(graph.num_nodes(), num_threads, [&](Index i) {
       auto Y_i = Y.middleRows<3>(3 * i);
       for (const HalfEdge& h : graph.row(i))
-        Y_i += h.block.lazyProduct(X.middleRows<3>(3 * h.node));
+        Y_i += graph.block(h).lazyProduct(X.middleRows<3>(3 * h.node));
     });
     return Y;
   };
@@ -38,11 +38,6 @@ inline double min_eigenvalue_of_measurements(const MeasurementGraph& graph, int 
       smallest_eigenpair(apply, {}, random_start(rows, 4), Eigen::MatrixXd(rows, 0), options);
   // Gershgorin: the spectrum of Rt lies within [-max_degree, max_degree].
   return std::max(pair.value - pair.residual, -max_degree);
-}
-
-/// R^T with orthonormal columns: the null space of S at a stationary point.
-inline Eigen::MatrixXd orthonormal_null_vectors(const CertificateMatrix& S) {
-  return S.null_vectors() / std::sqrt(static_cast<double>(S.num_nodes()));
 }
 
 /// The smallest eigenpair of S, given a start and a preconditioner close to the inverse of S (or of
@@ -74,7 +69,7 @@ inline Eigenpair min_eigenvalue_on_complement(const CertificateMatrix& S,
   const Eigen::Index block = std::min<Eigen::Index>(4, S.size() - 3);
   return smallest_eigenpair([&](const Eigen::MatrixXd& X) { return S.apply(X); },
                             [&](const Eigen::MatrixXd& X) { return S.divide_by_degree(X); },
-                            random_start(S.size(), block), orthonormal_null_vectors(S), options);
+                            random_start(S.size(), block), S.null_vectors(), options);
 }
 
 }  // namespace rotavg

@@ -35,7 +35,7 @@ inline BreadthFirstForest breadth_first_forest(const MeasurementGraph& graph) {
         if (forest.depth[j] >= 0) continue;
         forest.depth[j] = forest.depth[i] + 1;
         forest.parent[j] = i;
-        forest.tree_edge[j] = h.edge;
+        forest.tree_edge[j] = h.edge();
         forest.order.push_back(j);
       }
     }

@@ -65,8 +65,8 @@ class Elimination {
   }
 
   /// The blocks, in the order of pattern().row, of the matrix with `diagonal(i)` at node i, and for
-  /// every edge `off_diagonal(e)` in the row of its end e.i and the column of e.j, and the transpose
-  /// on the other side. Parallel edges add up.
+  /// every edge k `off_diagonal(k)` in the row of its end i and the column of its end j, and the
+  /// transpose on the other side. Parallel edges add up.
   template <int B, typename Diagonal, typename OffDiagonal>
   std::vector<Eigen::Matrix<double, B, B>> assemble(Diagonal&& diagonal,
                                                     OffDiagonal&& off_diagonal) {
@@ -74,7 +74,7 @@ class Elimination {
     std::vector<Block> blocks(pattern().row.size(), Block::Zero());
     for (Index a = 0; a < size(); ++a) blocks[pattern_.start[a]] = diagonal(node(a));
     for (const Place& place : places_) {
-      const Block block = off_diagonal(graph_->edges()[place.edge]);
+      const Block block = off_diagonal(place.edge);
       if (place.transposed) {
         blocks[place.entry] += block.transpose();
       } else {
@@ -111,7 +111,7 @@ class Elimination {
         const Index b = row_of(h.node);
         if (b < 0 || b >= a) continue;
         if (row[end[b] - 1] != a) row[end[b]++] = a;
-        places_.push_back({h.edge, end[b] - 1, graph_->edges()[h.edge].i == h.node});
+        places_.push_back({h.edge(), end[b] - 1, !h.is_i()});
       }
     }
     // Without the room that parallel edges would have taken.

@@ -25,7 +25,7 @@ inline Eigen::MatrixXd apply_laplacian(const MeasurementGraph& graph, const Comp
     const auto row = static_cast<Eigen::Index>(a);
     Y.row(row) = graph.degree(nodes[a]) * X.row(row);
     for (const HalfEdge& h : graph.row(nodes[a])) {
-      const double weight = graph.edges()[h.edge].weight;
+      const double weight = graph.edges()[h.edge()].weight;
       Y.row(row) -= weight * X.row(components.row_in_component[h.node]);
     }
   }
@@ -38,7 +38,7 @@ inline BlockCholesky<1>::Blocks grounded_laplacian(const MeasurementGraph& graph
                                                    Elimination& elimination) {
   using Scalar = Eigen::Matrix<double, 1, 1>;
   return elimination.assemble<1>([&](Index i) { return Scalar(graph.degree(i)); },
-                                 [](const Edge& e) { return Scalar(-e.weight); });
+                                 [&](Index k) { return Scalar(-graph.edges()[k].weight); });
 }
 
 /// lambda_2(L) of one component, its algebraic connectivity (Fiedler 1973): the larger, the easier

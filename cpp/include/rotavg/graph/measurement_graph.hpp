@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <limits>
 #include <stdexcept>
@@ -10,6 +11,7 @@
 
 #include <rotavg/graph/measurement.hpp>
 #include <rotavg/graph/node_rows.hpp>
+#include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
@@ -22,16 +24,28 @@ struct Edge {
   double weight = 1.0;
 };
 
-/// An edge seen from one of its ends l: the block w R_lq of Rt (4), with q = `node`.
+/// An edge seen from one of its ends l, with the weight folded in: what the neighbour q says of l
+/// is R_l ~ R_q R_ql.
 struct HalfEdge {
-  Matrix3 block;
-  Index node;
-  Index edge;
+  WeightedQuaternion node_from_l;  ///< of R_ql
+  Index node;                      ///< q
+  Index edge_and_end;
+
+  Index edge() const { return edge_and_end / 2; }
+  /// Whether l is the end i of the edge, so that R_ql is the transpose of the measured R_ij.
+  bool is_i() const { return edge_and_end % 2 == 0; }
 };
 
-/// The measurement graph: n nodes and m weighted relative rotations, held as a list of edges and as
-/// the block rows of the paper's symmetric matrix Rt (4) in compressed form. Parallel edges,
-/// several components and nodes without edges are allowed. Immutable.
+/// An edge as the inner loops read it: sqrt(w) times the quaternion of R_ij.
+struct QuaternionEdge {
+  WeightedQuaternion i_from_j;
+  Index i;
+  Index j;
+};
+
+/// The measurement graph: n nodes and m weighted relative rotations, held as a list of edges and, in
+/// quaternions, as the block rows of the paper's symmetric matrix Rt (4). Parallel edges, several
+/// components and nodes without edges are allowed. Immutable.
 class MeasurementGraph {
  public:
   /// The block row of one node.
@@ -78,6 +92,12 @@ class MeasurementGraph {
   Index num_edges() const { return static_cast<Index>(edges_.size()); }
   const std::vector<NodeId>& nodes() const { return nodes_; }
   const std::vector<Edge>& edges() const { return edges_; }
+  const std::vector<QuaternionEdge>& quaternion_edges() const { return quaternion_edges_; }
+
+  /// The block Rt_lq = w R_lq of a half-edge of node l.
+  static Matrix3 block(const HalfEdge& h) {
+    return weighted_rotation(h.node_from_l.conjugate());
+  }
 
   /// The blocks of node l's row of Rt, in the order of the edges.
   Row row(Index l) const {
@@ -126,17 +146,21 @@ class MeasurementGraph {
     for (std::size_t k = 0; k < n; ++k) row_start_[k + 1] += row_start_[k];
 
     half_edges_.resize(2 * edges_.size());
+    quaternion_edges_.reserve(edges_.size());
     std::vector<std::size_t> next(row_start_.begin(), row_start_.end() - 1);
     for (Index edge = 0; edge < num_edges(); ++edge) {
       const Edge& e = edges_[edge];
-      const Matrix3 block = e.weight * e.i_from_j;
-      half_edges_[next[e.i]++] = {block, e.j, edge};
-      half_edges_[next[e.j]++] = {block.transpose(), e.i, edge};
+      WeightedQuaternion q(e.i_from_j);
+      q.coeffs() *= std::sqrt(e.weight) / q.norm();
+      quaternion_edges_.push_back({q, e.i, e.j});
+      half_edges_[next[e.i]++] = {q.conjugate(), e.j, 2 * edge};
+      half_edges_[next[e.j]++] = {q, e.i, 2 * edge + 1};
     }
   }
 
   std::vector<NodeId> nodes_;
   std::vector<Edge> edges_;
+  std::vector<QuaternionEdge> quaternion_edges_;
   std::vector<std::size_t> row_start_;
   std::vector<HalfEdge> half_edges_;
   std::vector<double> degree_;

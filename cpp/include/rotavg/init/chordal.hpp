@@ -33,15 +33,14 @@ inline std::optional<Rotations> chordal_init(const MeasurementGraph& graph,
     if (elimination.size() == 0) continue;
     if (elimination.flops(3, max_flops) > max_flops) return std::nullopt;
     BlockCholesky<3> cholesky(elimination.symbolic());
-    const auto laplacian = diagonal_minus_measurements(
-        elimination, [&](Index i) -> Matrix3 { return graph.degree(i) * Matrix3::Identity(); });
-    if (cholesky.factorize(laplacian, 0.0, keep_going) != CholeskyOutcome::positive_definite) {
+    if (cholesky.factorize(connection_laplacian(graph, elimination), 0.0, keep_going) !=
+        CholeskyOutcome::positive_definite) {
       return std::nullopt;
     }
     for (Index a = 0; a < elimination.size(); ++a) row[elimination.node(a)] = a;
     Eigen::MatrixXd X = Eigen::MatrixXd::Zero(cholesky.size(), 3);
     for (const HalfEdge& h : graph.row(elimination.root())) {  // Rt_i,root X_root
-      X.middleRows<3>(3 * row[h.node]) += h.block.transpose();
+      X.middleRows<3>(3 * row[h.node]) += graph.block(h).transpose();
     }
     cholesky.solve_in_place(X);
     for (Index a = 0; a < elimination.size(); ++a) {

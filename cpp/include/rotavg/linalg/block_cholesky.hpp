@@ -11,6 +11,7 @@
 
 #include <Eigen/Core>
 
+#include <rotavg/linalg/buffer.hpp>
 #include <rotavg/linalg/partial_cholesky.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
 #include <rotavg/types.hpp>
@@ -31,12 +32,20 @@ class BlockCholesky {
   /// @param symbolic the analysis of the pattern that all matrices have
   explicit BlockCholesky(std::shared_ptr<const SymbolicCholesky> symbolic)
       : symbolic_(std::move(symbolic)) {
-    std::size_t size = 0;
-    for (const Supernode& node : symbolic_->supernodes()) {
+    const auto& supernodes = symbolic_->supernodes();
+    std::vector<std::size_t> left_over(supernodes.size(), 0);  // by the children
+    std::size_t size = 0, top = 0, highest = 0;
+    for (std::size_t s = 0; s < supernodes.size(); ++s) {
+      const Supernode& node = supernodes[s];
       panel_start_.push_back(size);
       size += B * node.rows() * (B * node.columns());
+      const std::size_t rest = B * node.below.size() * (B * node.below.size());
+      highest = std::max(highest, top + rest);
+      top += rest - left_over[s];
+      if (node.parent >= 0) left_over[node.parent] += rest;
     }
-    panels_.resize(size);
+    panels_ = Buffer(size);
+    stack_ = Buffer(highest);
   }
 
   const std::shared_ptr<const SymbolicCholesky>& symbolic() const { return symbolic_; }
@@ -51,13 +60,19 @@ class BlockCholesky {
     const auto& supernodes = symbolic_->supernodes();
     std::vector<std::vector<std::pair<Index, std::size_t>>> left_over(supernodes.size());
     std::vector<Index> place(static_cast<std::size_t>(symbolic_->size()));  // of a row in the front
+    constexpr double often_enough = 1e7;  // operations between two questions
+    double unasked = 2.0 * often_enough;
     std::size_t top = 0;  // of the stack of what is left over
     for (std::size_t s = 0; s < supernodes.size(); ++s) {
-      if (keep_going && !keep_going()) return CholeskyOutcome::stopped;
       const Supernode& node = supernodes[s];
       const Index pivots = B * node.columns(), below = B * node.num_below();
+      const double operations = double(pivots) * (pivots + below) * (pivots + below);
+      unasked += operations;
+      if (unasked > often_enough && keep_going) {
+        if (!keep_going()) return CholeskyOutcome::stopped;
+        unasked = 0.0;
+      }
       const std::size_t rest_size = static_cast<std::size_t>(below) * below;
-      if (stack_.size() < top + rest_size) stack_.resize(std::max(2 * stack_.size(), top + rest_size));
       const Front front{panels_.data() + panel_start_[s], pivots, below, stack_.data() + top};
       std::fill_n(front.panel, static_cast<std::size_t>(pivots) * (pivots + below), 0.0);
       std::fill_n(front.rest, rest_size, 0.0);
@@ -82,7 +97,9 @@ class BlockCholesky {
         base = std::min(base, start);
       }
 
-      if (!partial_cholesky_(front.panel, pivots, below, front.rest, keep_going)) {
+      const bool large = operations > often_enough;
+      if (!partial_cholesky_(front.panel, pivots, below, front.rest,
+                             large ? keep_going : std::function<bool()>())) {
         const bool stopped = keep_going && !keep_going();
         return stopped ? CholeskyOutcome::stopped : CholeskyOutcome::not_positive_definite;
       }
@@ -99,16 +116,28 @@ class BlockCholesky {
   /// X <- (A + shift I)^-1 X, after a factorisation that was positive definite.
   /// @param X size() rows, in the order of the nodes
   void solve_in_place(Eigen::Ref<Eigen::MatrixXd> X) {
-    const auto& supernodes = symbolic_->supernodes();
     const auto& node = symbolic_->node();
-    permuted_.resize(X.rows(), X.cols());
-    for (Index k = 0; k < symbolic_->size(); ++k) {
-      permuted_.middleRows<B>(B * k) = X.middleRows<B>(B * node[k]);
-    }
-    for (std::size_t s = 0; s < supernodes.size(); ++s) solve_lower(s);
-    for (std::size_t s = supernodes.size(); s-- > 0;) solve_upper(s);
-    for (Index k = 0; k < symbolic_->size(); ++k) {
-      X.middleRows<B>(B * node[k]) = permuted_.middleRows<B>(B * k);
+    const auto num_supernodes = static_cast<Index>(symbolic_->supernodes().size());
+    rows_.resize(static_cast<std::size_t>(size()));
+    for (Eigen::Index first = 0; first < X.cols(); first += lanes) {
+      const Eigen::Index columns = std::min<Eigen::Index>(lanes, X.cols() - first);
+      for (Index k = 0; k < symbolic_->size(); ++k) {
+        for (int i = 0; i < B; ++i) {
+          rows_[B * k + i].setZero();
+          for (Eigen::Index t = 0; t < columns; ++t) {
+            rows_[B * k + i](t) = X(B * node[k] + i, first + t);
+          }
+        }
+      }
+      for (Index s = 0; s < num_supernodes; ++s) solve_lower(s);
+      for (Index s = num_supernodes; s-- > 0;) solve_upper(s);
+      for (Index k = 0; k < symbolic_->size(); ++k) {
+        for (int i = 0; i < B; ++i) {
+          for (Eigen::Index t = 0; t < columns; ++t) {
+            X(B * node[k] + i, first + t) = rows_[B * k + i](t);
+          }
+        }
+      }
     }
   }
   Eigen::MatrixXd solve(Eigen::MatrixXd X) {
@@ -131,20 +160,21 @@ class BlockCholesky {
       for (const Index row : node.below) row_size[row] += B * node.columns();
     }
     double trace = 0.0, largest = 0.0;
-    std::vector<double> root;
+    Eigen::VectorXd root;
     for (std::size_t s = 0; s < supernodes.size(); ++s) {
       const Supernode& node = supernodes[s];
       const auto rows = static_cast<Index>(node.rows());
-      root.resize(static_cast<std::size_t>(rows));
+      root.resize(B * rows);
       for (Index r = 0; r < rows; ++r) {
         const Index row = r < node.columns() ? node.begin + r : node.below[r - node.columns()];
-        root[r] = std::sqrt(row_size[row]);
+        root.segment<B>(B * r).setConstant(std::sqrt(row_size[row]));
         largest = std::max(largest, row_size[row]);
       }
       const double* column = panels_.data() + panel_start_[s];
       for (Index c = 0; c < B * node.columns(); ++c, column += B * rows) {
-        double sum = 0.0;
-        for (Index i = c; i < B * rows; ++i) sum += root[i / B] * std::abs(column[i]);
+        const Index height = B * rows - c;
+        const Eigen::Map<const Eigen::VectorXd> L_c(column + c, height);
+        const double sum = root.tail(height).dot(L_c.cwiseAbs());
         trace += sum * sum;
       }
     }
@@ -155,7 +185,9 @@ class BlockCholesky {
  private:
   using Supernode = SymbolicCholesky::Supernode;
   using Stride = Eigen::OuterStride<>;
-  using MatrixView = Eigen::Map<const Eigen::MatrixXd, 0, Stride>;
+  // Right-hand sides are solved for four at a time.
+  static constexpr int lanes = 4;
+  using Lanes = Eigen::Array<double, lanes, 1>;
 
   /// A dense front: [A11; A21] in the panel, A22 in the rest.
   struct Front {
@@ -191,52 +223,46 @@ class BlockCholesky {
     }
   };
 
-  void solve_lower(std::size_t s) {
+  void solve_lower(Index s) {
     const Supernode& node = symbolic_->supernodes()[s];
-    const auto height = static_cast<Eigen::Index>(B * node.rows());
-    const Eigen::Index pivots = B * node.columns(), below = height - pivots;
-    const MatrixView L(panels_.data() + panel_start_[s], height, pivots, Stride(height));
-    front_.resize(below, 1);
-    for (Eigen::Index t = 0; t < permuted_.cols(); ++t) {
-      auto x = permuted_.col(t).segment(B * node.begin, pivots);
-      front_.setZero();
-      for (Eigen::Index c = 0; c < pivots; ++c) {
-        x(c) /= L(c, c);
-        x.tail(pivots - c - 1) -= x(c) * L.col(c).segment(c + 1, pivots - c - 1);
-        front_.col(0) += x(c) * L.col(c).tail(below);
-      }
-      for (Index r = 0; r < node.num_below(); ++r) {
-        permuted_.col(t).template segment<B>(B * node.below[r]) -=
-            front_.col(0).template segment<B>(B * r);
-      }
+    const Index pivots = B * node.columns(), below = B * node.num_below();
+    const double* L = panels_.data() + panel_start_[s];
+    Lanes* const x = rows_.data() + B * node.begin;
+    front_.assign(static_cast<std::size_t>(below), Lanes::Zero());
+    for (Index c = 0; c < pivots; ++c, L += pivots + below) {
+      const Lanes x_c = x[c] /= L[c];
+      for (Index r = c + 1; r < pivots; ++r) x[r] -= L[r] * x_c;
+      for (Index r = 0; r < below; ++r) front_[r] += L[pivots + r] * x_c;
     }
+    for (Index r = 0; r < below; ++r) rows_[B * node.below[r / B] + r % B] -= front_[r];
   }
 
-  void solve_upper(std::size_t s) {
+  void solve_upper(Index s) {
     const Supernode& node = symbolic_->supernodes()[s];
-    const auto height = static_cast<Eigen::Index>(B * node.rows());
-    const Eigen::Index pivots = B * node.columns(), below = height - pivots;
-    const MatrixView L(panels_.data() + panel_start_[s], height, pivots, Stride(height));
-    front_.resize(below, 1);
-    for (Eigen::Index t = 0; t < permuted_.cols(); ++t) {
-      auto x = permuted_.col(t).segment(B * node.begin, pivots);
-      for (Index r = 0; r < node.num_below(); ++r) {
-        front_.col(0).template segment<B>(B * r) =
-            permuted_.col(t).template segment<B>(B * node.below[r]);
+    const Index pivots = B * node.columns(), below = B * node.num_below();
+    Lanes* const x = rows_.data() + B * node.begin;
+    front_.resize(static_cast<std::size_t>(below));
+    for (Index r = 0; r < below; ++r) front_[r] = rows_[B * node.below[r / B] + r % B];
+    for (Index c = pivots - 1; c >= 0; --c) {
+      const double* const L =
+          panels_.data() + panel_start_[s] + static_cast<std::size_t>(c) * (pivots + below);
+      Lanes even = Lanes::Zero(), odd = Lanes::Zero();  // two chains of additions, for speed
+      for (Index r = c + 1; r < pivots; ++r) even += L[r] * x[r];
+      Index r = 0;
+      for (; r + 1 < below; r += 2) {
+        even += L[pivots + r] * front_[r];
+        odd += L[pivots + r + 1] * front_[r + 1];
       }
-      for (Eigen::Index c = pivots - 1; c >= 0; --c) {
-        const double known = L.col(c).segment(c + 1, pivots - c - 1).dot(x.tail(pivots - c - 1)) +
-                             L.col(c).tail(below).dot(front_.col(0));
-        x(c) = (x(c) - known) / L(c, c);
-      }
+      if (r < below) even += L[pivots + r] * front_[r];
+      x[c] = (x[c] - even - odd) / L[c];
     }
   }
 
   std::shared_ptr<const SymbolicCholesky> symbolic_;
   std::vector<std::size_t> panel_start_;
-  std::vector<double> panels_;  // of every supernode: its columns of L, column-major
-  std::vector<double> stack_;
-  Eigen::MatrixXd permuted_, front_;
+  Buffer panels_;  // of every supernode: its columns of L, column-major
+  Buffer stack_;   // of what is left over for parents
+  std::vector<Lanes> rows_, front_;  // of right-hand sides, in the order of elimination
   PartialCholesky partial_cholesky_;
 };
 

@@ -3,20 +3,20 @@
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
+#include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
 
-/// blockdiag(diagonal) - Rt for one component, without the nodes that the elimination skips. With
-/// the degrees on the diagonal it is the connection Laplacian; with Lambda, the matrix S of Theorem
-/// 1.
-///
-/// @param diagonal the symmetric block of node i: Index -> Matrix3
-template <typename Diagonal>
-BlockCholesky<3>::Blocks diagonal_minus_measurements(Elimination& elimination,
-                                                     Diagonal&& diagonal) {
-  return elimination.assemble<3>(diagonal,
-                                 [](const Edge& e) -> Matrix3 { return -e.weight * e.i_from_j; });
+/// The connection Laplacian, blockdiag(deg_i I) - Rt, of one component without the nodes that the
+/// elimination skips: the quadratic form of (3) over free 3 x 3 matrices.
+inline BlockCholesky<3>::Blocks connection_laplacian(const MeasurementGraph& graph,
+                                                     Elimination& elimination) {
+  return elimination.assemble<3>(
+      [&](Index i) -> Matrix3 { return graph.degree(i) * Matrix3::Identity(); },
+      [&](Index k) -> Matrix3 {
+        return -weighted_rotation(graph.quaternion_edges()[k].i_from_j);
+      });
 }
 
 }  // namespace rotavg

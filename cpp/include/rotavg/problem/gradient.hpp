@@ -19,7 +19,7 @@ namespace rotavg {
 inline Matrix3 linear_cost(const MeasurementGraph& graph, const Rotations& R, Index l) {
   Matrix3 A = Matrix3::Zero();
   for (const HalfEdge& h : graph.row(l)) {
-    A.noalias() -= h.block * R[h.node].transpose();
+    A.noalias() -= graph.block(h) * R[h.node].transpose();
   }
   return A;
 }

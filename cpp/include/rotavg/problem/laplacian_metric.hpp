@@ -46,8 +46,8 @@ class LaplacianMetric {
   }
 
   /// (4 L)^-1 v; zero at the held nodes.
-  NodeVectors apply(const NodeVectors& v) {
-    NodeVectors result = NodeVectors::Zero(v.rows(), 3);
+  void apply(const NodeVectors& v, NodeVectors& result) {
+    result.setZero(v.rows(), 3);
     for (Factor& factor : factors_) {
       const Elimination& elimination = *factor.elimination;
       free_.resize(elimination.size(), 3);
@@ -57,7 +57,6 @@ class LaplacianMetric {
       factor.cholesky.solve_in_place(free_);
       for (Index a = 0; a < elimination.size(); ++a) result.row(elimination.node(a)) = free_.row(a);
     }
-    return result;
   }
 
  private:

@@ -34,22 +34,22 @@ inline void append(IterationResult& first, IterationResult second) {
 
 /// Block coordinate descent, and Newton's method where sweeps are slow:
 ///
-/// - Ten sweeps come first. On dense graphs they often do; on all graphs they smooth the start,
-/// from
-///   where Newton's method would run into bad local minima more often, and converge later.
-/// - On sparse graphs the Laplacian factors at little cost and Newton's method goes on at once.
+/// - Sweeps come first: they smooth the start, from which Newton's method would run into bad local
+///   minima more often, and converge later. (On grids and trajectories with noise of 0.1 to 0.3 rad,
+///   three did as well as twenty.)
+/// - On sparse graphs the Laplacian factors at little cost, and Newton's method goes on after three.
 /// - On others the sweeps are watched; if at their rate many more would be needed, Newton's method
 ///   takes over, unless the Laplacian is too large to factor.
 ///
 /// @param method receives what was used in the end
 /// @param reason receives one line on what was chosen and why
 inline IterationResult solve_automatically(const MeasurementGraph& graph,
-                                           std::vector<Elimination>& eliminations, Rotations R,
+                                           std::vector<Elimination>& eliminations, const Rotations& R,
                                            const IterationOptions& options, Method& method,
                                            std::string& reason) {
   constexpr double sparse_degree = 20.0;  // edges at a node, on average
   constexpr double max_flops = 1e10;
-  constexpr int first_sweeps = 10;
+  constexpr int first_sweeps = 3, watched_sweeps = 10;
   constexpr double patience = 40.0;  // sweeps
   const double degree = 2.0 * graph.num_edges() / std::max<Index>(graph.num_nodes(), 1);
   const auto line = [&reason](const auto&... parts) {
@@ -69,13 +69,13 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     const double rate =
         progress.iteration >= 2 ? std::sqrt(progress.relative_gradient / before_last) : 0.0;
     before_last = std::exchange(last, progress.relative_gradient);
-    if (progress.iteration < first_sweeps) return true;
+    const bool sparse = degree <= sparse_degree;
+    if (progress.iteration < (sparse ? first_sweeps : watched_sweeps)) return true;
     const double sweeps = std::log(options.tolerance / last) / std::log(rate);
-    slow = degree <= sparse_degree ||
-           (options.stop == StopRule::gradient && !(rate < 1.0 && sweeps <= patience));
+    slow = sparse || (options.stop == StopRule::gradient && !(rate < 1.0 && sweeps <= patience));
     return !slow;
   };
-  IterationResult result = bcd(graph, std::move(R), watched);
+  IterationResult result = bcd(graph, R, watched);
   if (result.status != Status::stopped || !slow) {
     line("bcd: average degree ", degree, ", ", result.iterations, " sweeps did");
     return result;
@@ -92,16 +92,16 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     };
   }
   LaplacianMetric metric(graph, eliminations);
-  Rotations start = result.rotations;
+  const Rotations start = result.rotations;
   const double flops = metric.flops(max_flops);
   if (flops <= max_flops) {
     method = Method::newton;
     line("newton after ", result.iterations, " sweeps of bcd: average degree ", degree,
          ", the Laplacian factors in ", flops, " operations");
-    append(result, newton(graph, std::move(start), metric, rest));
+    append(result, newton(graph, start, metric, rest));
   } else {
     line("bcd: the Laplacian is too large to factor (", flops, " operations)");
-    append(result, bcd(graph, std::move(start), rest));
+    append(result, bcd(graph, start, rest));
   }
   return result;
 }

@@ -16,13 +16,11 @@ namespace rotavg {
 /// whether to stop.
 class Monitor {
  public:
-  /// @param graph must outlive this object
   /// @param R the initial value
   /// @throws std::invalid_argument unless there is one rotation for each node and the options are
   ///         numbers that are not negative
   Monitor(const MeasurementGraph& graph, const Rotations& R, IterationOptions options)
-      : graph_(graph),
-        options_(std::move(options)),
+      : options_(std::move(options)),
         num_threads_(resolve_num_threads(options_.num_threads, graph.num_edges())) {
     const auto require = [](bool holds, const char* what) {
       if (!holds) throw std::invalid_argument(what);
@@ -36,10 +34,9 @@ class Monitor {
 
   int num_threads() const { return num_threads_; }
 
-  /// Takes note of the rotations that an iteration ended with (first: of the initial value).
+  /// Takes note of what an iteration ended with (first: of the initial value).
   /// @returns whether the solver has to stop
-  bool should_stop(const Rotations& R, double objective, double step) {
-    const GradientNorm gradient = gradient_norm(graph_, R, num_threads_);
+  bool should_stop(double objective, const GradientNorm& gradient, double step) {
     Progress progress;
     progress.iteration = static_cast<int>(result_.trace.size());
     progress.objective = objective;
@@ -52,7 +49,7 @@ class Monitor {
     return result_.status != Status::not_run;
   }
 
-  /// Of the rotations that should_stop was last shown.
+  /// What should_stop was last told.
   double relative_gradient() const { return result_.trace.back().relative_gradient; }
 
   /// For the middle of a long step.
@@ -61,7 +58,7 @@ class Monitor {
            (!options_.keep_going || options_.keep_going());
   }
 
-  /// The result, with the rotations that should_stop was last shown.
+  /// The result, with the rotations that should_stop was last told of.
   IterationResult result(Rotations R) && {
     const Progress& last = result_.trace.back();
     result_.rotations = std::move(R);
@@ -88,7 +85,6 @@ class Monitor {
     return Status::not_run;
   }
 
-  const MeasurementGraph& graph_;
   IterationOptions options_;
   int num_threads_;
   Stopwatch watch_;

@@ -61,7 +61,7 @@ namespace detail {
 
 /// Rotations of one initial value: solved, gauge fixed, certified.
 inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
-                     const Stopwatch& watch, std::vector<Elimination>& eliminations, Rotations R,
+                     const Stopwatch& watch, std::vector<Elimination>& eliminations, const Rotations& R,
                      Solution& solution) {
   const double before = watch.seconds();
   IterationOptions iteration = options.iteration;
@@ -69,15 +69,15 @@ inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
   static_cast<IterationResult&>(solution) = [&] {
     switch (options.method) {
       case Method::bcd:
-        return bcd(graph, std::move(R), iteration);
+        return bcd(graph, R, iteration);
       case Method::sum:
-        return sum(graph, std::move(R), iteration, options.mu);
+        return sum(graph, R, iteration, options.mu);
       case Method::newton:
-        return newton(graph, std::move(R), iteration);
+        return newton(graph, R, iteration);
       case Method::automatic:
         break;
     }
-    return solve_automatically(graph, eliminations, std::move(R), iteration, solution.method,
+    return solve_automatically(graph, eliminations, R, iteration, solution.method,
                                solution.reason);
   }();
   fix_gauge(solution.components, solution.rotations);
@@ -136,7 +136,7 @@ inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options
     R = from_chordal ? std::move(*from_chordal) : shortest_path_init(graph);
   }
   solution.timings.init = watch.seconds();
-  detail::run_from(graph, options, watch, eliminations, std::move(R), solution);
+  detail::run_from(graph, options, watch, eliminations, R, solution);
 
   if (free_choice && options.certify && is_converged(solution.status) &&
       solution.certificate.verdict == Verdict::not_certified) {
@@ -145,7 +145,7 @@ inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options
       Solution second = solution;
       second.init = Initialization::chordal;
       second.timings.init += watch.seconds() - before;
-      detail::run_from(graph, options, watch, eliminations, std::move(*second_start), second);
+      detail::run_from(graph, options, watch, eliminations, *second_start, second);
       const bool better = second.certificate.verdict != Verdict::not_certified ||
                           second.objective < solution.objective;
       second.reason += better ? "; a second run, from the chordal start, did better"

@@ -3,19 +3,40 @@
 #include <algorithm>
 #include <cmath>
 #include <utility>
-#include <vector>
 
 #include <rotavg/certify/min_eigenvalue.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/reduce.hpp>
-#include <rotavg/problem/gradient.hpp>
+#include <rotavg/problem/davenport.hpp>
 #include <rotavg/problem/objective.hpp>
-#include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/quaternion.hpp>
 #include <rotavg/solve/monitor.hpp>
 #include <rotavg/solve/options.hpp>
 #include <rotavg/solve/result.hpp>
 
 namespace rotavg {
+
+namespace detail {
+
+/// 4 (y^T K y - x^T K x) of unit vectors, without cancellation where they are close.
+inline double gain(const Matrix4& K, const Vector4& x, const Vector4& y) {
+  const Vector4 d = x.dot(y) < 0.0 ? Vector4(y + x) : Vector4(y - x);
+  const double value = y.dot(K * y);
+  return 4.0 * d.dot(value * (d - 2.0 * y) - K * (d - 2.0 * y));
+}
+
+/// What the step of a node promises to gain, and |R - R'|_F^2.
+struct StepSums {
+  double promise = 0.0;
+  double change = 0.0;
+  StepSums& operator+=(const StepSums& other) {
+    promise += other.promise;
+    change += other.change;
+    return *this;
+  }
+};
+
+}  // namespace detail
 
 /// Successive upper-bound minimisation (Algorithm 3). Where B = mu I + Rt >= 0, the objective (20)
 /// is bounded above by a function that is linear in R and touches it at the current value (Lemma 2,
@@ -29,7 +50,7 @@ namespace rotavg {
 /// mu_i = theta deg_i, at most to 1. Either way the objective never rises.
 ///
 /// @param R the initial value, world_from_i, one rotation per node
-inline IterationResult sum(const MeasurementGraph& graph, Rotations R,
+inline IterationResult sum(const MeasurementGraph& graph, const Rotations& R,
                            const IterationOptions& options = {},
                            MuRule mu_rule = MuRule::adaptive) {
   Monitor monitor(graph, R, options);
@@ -40,35 +61,32 @@ inline IterationResult sum(const MeasurementGraph& graph, Rotations R,
     mu = -std::min(0.0, min_eigenvalue_of_measurements(graph, num_threads, keep_going));
   }
 
-  Rotations next(R.size());
-  std::vector<double> promise(R.size());
-  const auto sum_over_nodes = [&](auto&& term) {
-    return block_sum<double>(graph.num_nodes(), num_threads, term);
-  };
-  double f = objective(graph, R, num_threads), step = 0.0;
-  while (!monitor.should_stop(R, f, step)) {
-    double f_next = 0.0;
+  Quaternions q = to_quaternions(R), next(q);
+  DavenportMatrices now, then;
+  now.update(graph, q, num_threads);
+  double step = 0.0;
+  while (!monitor.should_stop(now.objective, now.gradient, step)) {
     for (;;) {
-      parallel_for(graph.num_nodes(), num_threads, [&](Index i) {
+      const auto sums = block_sum<detail::StepSums>(graph.num_nodes(), num_threads, [&](Index i) {
+        if (graph.row(i).size() == 0) return detail::StepSums{};
+        const Vector4 q_i = q[i].coeffs();
         const double mu_i = mu + theta * graph.degree(i);
-        const Matrix3 A_i = linear_cost(graph, R, i) - mu_i * R[i].transpose();  // (23), transposed
-        next[i] = graph.row(i).size() == 0 ? R[i] : loso_fast(A_i);              // (24)
-        // tr A_i (R_i - X) at the minimiser X, where -A_i X is symmetric, without cancellation.
-        const Matrix3 change = R[i] - next[i];
-        promise[i] = -(change * (A_i * next[i])).cwiseProduct(change).sum();
+        const Matrix4 K_i = now.K[i] + mu_i * q_i * q_i.transpose();  // (23)
+        next[i] = loso(K_i, q[i]);                                    // (24)
+        return detail::StepSums{detail::gain(K_i, q_i, next[i].coeffs()),
+                        std::pow(chordal_distance(q[i], next[i]), 2)};
       });
-      f_next = objective(graph, next, num_threads);
-      const double promised = sum_over_nodes([&](Index i) { return promise[i]; });
-      const bool falls = f_next <= f - 0.25 * promised + objective_rounding(graph, f);
+      then.update(graph, next, num_threads);
+      step = std::sqrt(sums.change / (3.0 * graph.num_nodes()));
+      const double rounding = objective_rounding(graph, now.objective);
+      const bool falls = then.objective <= now.objective - 0.25 * sums.promise + rounding;
       if (falls || mu_rule != MuRule::adaptive || theta >= 1.0) break;
       theta = std::max(0.125, 2.0 * theta);
     }
-    const double change2 = sum_over_nodes([&](Index i) { return (next[i] - R[i]).squaredNorm(); });
-    step = std::sqrt(change2 / (3.0 * graph.num_nodes()));
-    std::swap(R, next);
-    f = f_next;
+    std::swap(q, next);
+    std::swap(now, then);
   }
-  return std::move(monitor).result(std::move(R));
+  return std::move(monitor).result(to_rotations(q));
 }
 
 }  // namespace rotavg

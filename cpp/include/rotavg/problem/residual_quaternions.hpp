@@ -1,0 +1,80 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/parallel/reduce.hpp>
+#include <rotavg/problem/gradient.hpp>
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// What every edge leaves over, in the global frame: sqrt(w) times the unit quaternion e = (v, s) of
+///
+///     E_ij = R_i R_ij R_j^T,
+///
+/// the identity where the edge fits. All that the solvers and the certificate need is short in it:
+///
+///     objective      w |R_i R_ij - R_j|_F^2 = 8 |v|^2                                      (3)
+///     gradient       8 s v at i, -8 s v at j
+///     Hessian        problem/hessian.hpp
+///     certificate    certify/certificate_matrix.hpp
+class ResidualQuaternions {
+ public:
+  /// @param graph must outlive this object
+  /// @param q world_from_i, one unit quaternion per node
+  ResidualQuaternions(const MeasurementGraph& graph, const Quaternions& q, int num_threads)
+      : graph_(graph), num_threads_(num_threads), e_(graph.edges().size()) {
+    update(q);
+  }
+
+  /// Moves to other rotations.
+  void update(const Quaternions& q) {
+    const auto& edges = graph_.quaternion_edges();
+    objective_ = block_sum<double>(graph_.num_edges(), num_threads_, [&](Index k) {
+      const QuaternionEdge& edge = edges[k];
+      const WeightedQuaternion j_estimate(product(q[edge.i], edge.i_from_j));
+      const Vector4 e = product(j_estimate, WeightedQuaternion(conjugated(q[edge.j])));
+      e_[k] = e;
+      return 8.0 * e.head<3>().squaredNorm();
+    });
+  }
+
+  const MeasurementGraph& graph() const { return graph_; }
+  int num_threads() const { return num_threads_; }
+  /// (m,) x, y, z, w of every edge.
+  const std::vector<Vector4>& operator()() const { return e_; }
+  double objective() const { return objective_; }
+
+  /// The gradient of f at node l in the global frame, R_l <- exp(w) R_l.
+  Vector3 gradient(Index l) const {
+    Vector3 sum = Vector3::Zero();
+    for (const HalfEdge& h : graph_.row(l)) {
+      const Vector4& e = e_[h.edge()];
+      sum += (h.is_i() ? e.w() : -e.w()) * e.head<3>();
+    }
+    return 8.0 * sum;
+  }
+
+  GradientNorm gradient_norm() const {
+    const auto sums = block_sum<GradientSums>(graph_.num_nodes(), num_threads_, [&](Index l) {
+      if (graph_.row(l).size() == 0) return GradientSums{};
+      const double square = gradient(l).squaredNorm();
+      return GradientSums{square, std::sqrt(square) / graph_.degree(l)};
+    });
+    return {std::sqrt(sums.squares), sums.largest};
+  }
+
+ private:
+  const MeasurementGraph& graph_;
+  int num_threads_;
+  std::vector<Vector4> e_;
+  double objective_ = 0.0;
+};
+
+}  // namespace rotavg

@@ -1,0 +1,17 @@
+"""The C++ core, in the fastest build that this processor runs.
+
+The builds differ in their instructions, so that results can differ in the last bits from one kind
+of processor to another (never from one number of threads to another). ROTAVG_CORE=baseline asks for
+the build that runs anywhere.
+"""
+
+import os
+
+from rotavg._processor import runs_avx2_core
+
+if runs_avx2_core() and os.environ.get("ROTAVG_CORE") != "baseline":
+    from rotavg._core_avx2 import *  # noqa: F403
+    from rotavg._core_avx2 import __version__ as __version__
+else:
+    from rotavg._core_baseline import *  # noqa: F403
+    from rotavg._core_baseline import __version__ as __version__
