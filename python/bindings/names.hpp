@@ -83,6 +83,7 @@ struct Names<rotavg::CertificateMethod> {
   static constexpr std::pair<rotavg::CertificateMethod, const char*> list[] = {
       {rotavg::CertificateMethod::none, "none"},
       {rotavg::CertificateMethod::factorization, "factorization"},
+      {rotavg::CertificateMethod::connectivity, "connectivity"},
       {rotavg::CertificateMethod::eigenvalue, "eigenvalue"},
       {rotavg::CertificateMethod::nonnegativity, "nonnegativity"}};
 };

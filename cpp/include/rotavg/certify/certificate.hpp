@@ -6,7 +6,9 @@
 #include <limits>
 #include <vector>
 
+#include <rotavg/certify/bound.hpp>
 #include <rotavg/certify/certificate_matrix.hpp>
+#include <rotavg/certify/connectivity.hpp>
 #include <rotavg/certify/factorization.hpp>
 #include <rotavg/certify/min_eigenvalue.hpp>
 #include <rotavg/graph/components.hpp>
@@ -24,14 +26,6 @@ enum class Verdict {
   proved,         ///< the gap is below the tolerance, by a proof
   estimated,      ///< the gap is below the tolerance, by an eigenvalue estimate
   not_certified,  ///< the gap is above the tolerance, or unknown
-};
-
-/// How the gap is known; of several components, the weakest.
-enum class CertificateMethod {
-  factorization,  ///< sparse Cholesky factorisation of S with a node removed
-  nonnegativity,  ///< f* >= 0, and f(R) is zero to the tolerance
-  eigenvalue,     ///< LOBPCG estimate of the smallest eigenvalue
-  none,           ///< stopped, or not converged, before anything was known
 };
 
 struct CertificateOptions {
@@ -85,6 +79,15 @@ inline Measure measure_component(const ResidualQuaternions& residuals,
 inline ComponentBound bound_component(const CertificateMatrix& S, Elimination& elimination,
                                       const CertificateOptions& options) {
   const double limit = options.max_factorization_flops;
+  // The connectivity first, where it is worth a try: it takes no longer than the limit, and less
+  // than a quarter of the whole factorisation.
+  constexpr double not_worth_it = 1e9;
+  const double flops = connectivity_flops(S);
+  if (flops <= limit && elimination.flops(3, limit) > std::max(4.0 * flops, not_worth_it)) {
+    const ComponentBound bound = bound_by_connectivity(S, options.keep_going);
+    const bool stopped = options.keep_going && !options.keep_going();
+    if (bound.method == CertificateMethod::connectivity || stopped) return bound;
+  }
   if (elimination.flops(3, limit) <= limit) {
     BlockCholesky<3> cholesky(elimination.symbolic());
     const auto outcome = cholesky.factorize(S.blocks(elimination), 0.0, options.keep_going);
@@ -105,7 +108,7 @@ inline ComponentBound bound_component(const CertificateMatrix& S, Elimination& e
     if (pair.value < 0.0) bound.lambda_min = pair.value;
     return bound;
   }
-  bound.evidence = Evidence::estimate;
+  bound.method = CertificateMethod::eigenvalue;
   bound.gap = below_zero * static_cast<double>(S.size()) + S.rounding_trace();
   bound.lambda_min = pair.value < 0.0 ? pair.value : -below_zero;
   return bound;
@@ -123,22 +126,21 @@ inline Certificate certify(const MeasurementGraph& graph, const Rotations& R,
   const int num_threads = resolve_num_threads(options.num_threads, graph.num_edges());
 
   const ResidualQuaternions residuals(graph, to_quaternions(R), num_threads);
+  const NodeSums sums(residuals);
   Certificate certificate;
   certificate.gap = certificate.relative_gap = 0.0;
   certificate.lambda_min = std::numeric_limits<double>::infinity();
   certificate.method = CertificateMethod::factorization;
   for (Index c = 0; c < components.size(); ++c) {
     if (components.nodes[c].size() < 2) continue;
-    const CertificateMatrix S(residuals, components, c);
+    const CertificateMatrix S(sums, components, c);
     const ComponentBound bound = detail::bound_component(S, eliminations[c], options);
     const detail::Measure measure = detail::measure_component(residuals, components.nodes[c]);
     // f* >= 0 is a bound as well, and a proof where nothing is left to gain.
     const double gap = std::min(bound.gap, measure.objective);
     const bool nothing_left = measure.relative(measure.objective) <= options.tolerance;
-    const auto method = bound.evidence == Evidence::proof      ? CertificateMethod::factorization
-                        : nothing_left                         ? CertificateMethod::nonnegativity
-                        : bound.evidence == Evidence::estimate ? CertificateMethod::eigenvalue
-                                                               : CertificateMethod::none;
+    const auto method =
+        nothing_left ? std::min(bound.method, CertificateMethod::nonnegativity) : bound.method;
     certificate.method = std::max(certificate.method, method);
     certificate.gap += gap;
     certificate.relative_gap = std::max(certificate.relative_gap, measure.relative(gap));

@@ -19,6 +19,42 @@
 
 namespace rotavg {
 
+/// What the edges at every node add up to, at some rotations: all that the certificates of the
+/// components need besides the residual quaternions themselves.
+class NodeSums {
+ public:
+  /// @param residuals must outlive this object
+  explicit NodeSums(const ResidualQuaternions& residuals)
+      : residuals_(residuals),
+        diagonal_(residuals.graph().nodes().size(), Matrix3::Zero()),
+        gradient_(diagonal_.size(), Vector3::Zero()) {
+    // Edge by edge, as on dense graphs a node's edges lie far apart.
+    const auto& edges = graph().quaternion_edges();
+    for (std::size_t k = 0; k < edges.size(); ++k) {
+      const Vector3 v = residuals_()[k].head<3>(), g = 8.0 * residuals_()[k].w() * v;
+      const Matrix3 less = 2.0 * (v.squaredNorm() * Matrix3::Identity() - v * v.transpose());
+      diagonal_[edges[k].i] -= less;
+      diagonal_[edges[k].j] -= less;
+      gradient_[edges[k].i] += g;
+      gradient_[edges[k].j] -= g;
+    }
+    for (std::size_t i = 0; i < diagonal_.size(); ++i) {
+      diagonal_[i].diagonal().array() += graph().degree(static_cast<Index>(i));
+    }
+  }
+
+  const MeasurementGraph& graph() const { return residuals_.graph(); }
+  const ResidualQuaternions& residuals() const { return residuals_; }
+  /// sum_j w sym E_ij = sum_j w I - 2 (|v|^2 I - v v^T)
+  const Matrix3& diagonal(Index i) const { return diagonal_[i]; }
+  const Vector3& gradient(Index i) const { return gradient_[i]; }
+
+ private:
+  const ResidualQuaternions& residuals_;
+  std::vector<Matrix3> diagonal_;
+  std::vector<Vector3> gradient_;
+};
+
 /// S = Lambda - Rt (Theorem 1, (5)) of one connected component, n nodes, with
 ///
 ///     Lambda_i = sym( sum_j Rt_ij R_j^T R_i ),
@@ -29,46 +65,34 @@ namespace rotavg {
 ///
 ///     S_ij = - sum E_ij,     S_ii = sum sym E_ij,     E_ij = w R_i R_ij R_j^T,
 ///
-/// so that S = L (x) I_3 where all residuals vanish. At a stationary point S N = 0 with N = [I … I]^T;
-/// elsewhere S N is the leftover of the gradient.
+/// so that S = L (x) I_3 where all residuals vanish. At a stationary point S N = 0 with N = [I …
+/// I]^T; elsewhere S N is the leftover of the gradient.
 class CertificateMatrix {
  public:
-  /// @param residuals of R; they and the components must outlive this object
-  CertificateMatrix(const ResidualQuaternions& residuals, const Components& components,
-                    Index component)
-      : residuals_(residuals),
+  /// @param sums, components must outlive this object
+  CertificateMatrix(const NodeSums& sums, const Components& components, Index component)
+      : sums_(sums),
         components_(components),
         component_(component),
-        nodes_(components.nodes[component]),
-        diagonal_(nodes_.size()) {
-    parallel_for(num_nodes(), residuals_.num_threads(), [&](Index a) {
-      // w sym E = (s^2 - |v|^2) I + 2 v v^T = w I - 2 (|v|^2 I - v v^T)
-      Matrix3 less = Matrix3::Zero();
-      for (const HalfEdge& h : graph().row(nodes_[a])) {
-        const Vector3 v = residuals_()[h.edge()].head<3>();
-        less += v.squaredNorm() * Matrix3::Identity() - v * v.transpose();
-      }
-      diagonal_[a] = graph().degree(nodes_[a]) * Matrix3::Identity() - 2.0 * less;
-    });
-  }
+        nodes_(components.nodes[component]) {}
 
-  const MeasurementGraph& graph() const { return residuals_.graph(); }
-  const ResidualQuaternions& residuals() const { return residuals_; }
+  const MeasurementGraph& graph() const { return sums_.graph(); }
+  const ResidualQuaternions& residuals() const { return sums_.residuals(); }
   const Components& components() const { return components_; }
   Index component() const { return component_; }
   const std::vector<Index>& nodes() const { return nodes_; }
   Index num_nodes() const { return static_cast<Index>(nodes_.size()); }
   Eigen::Index size() const { return 3 * static_cast<Eigen::Index>(num_nodes()); }
-  const Matrix3& diagonal(Index a) const { return diagonal_[a]; }
+  const Matrix3& diagonal(Index a) const { return sums_.diagonal(nodes_[a]); }
 
   /// S X, without forming S.
   Eigen::MatrixXd apply(const Eigen::MatrixXd& X) const {
     Eigen::MatrixXd Y(X.rows(), X.cols());
-    parallel_for(num_nodes(), residuals_.num_threads(), [&](Index a) {
+    parallel_for(num_nodes(), residuals().num_threads(), [&](Index a) {
       auto Y_a = Y.middleRows<3>(3 * a);
-      Y_a = diagonal_[a].lazyProduct(X.middleRows<3>(3 * a));
+      Y_a = diagonal(a).lazyProduct(X.middleRows<3>(3 * a));
       for (const HalfEdge& h : graph().row(nodes_[a])) {
-        const Quaternion e(residuals_()[h.edge()]);
+        const Quaternion e(residuals()()[h.edge()]);
         const Matrix3 E = weighted_rotation(h.is_i() ? e : e.conjugate());
         Y_a -= E.lazyProduct(X.middleRows<3>(3 * components_.row_in_component[h.node]));
       }
@@ -92,7 +116,7 @@ class CertificateMatrix {
   Eigen::MatrixXd leftover() const {
     Eigen::MatrixXd K(size(), 3);
     for (Index a = 0; a < num_nodes(); ++a) {
-      K.middleRows<3>(3 * a) = hat(-0.25 * residuals_.gradient(nodes_[a]));
+      K.middleRows<3>(3 * a) = hat(-0.25 * sums_.gradient(nodes_[a]));
     }
     return K;
   }
@@ -120,16 +144,15 @@ class CertificateMatrix {
   /// S without the nodes that the elimination skips.
   BlockCholesky<3>::Blocks blocks(Elimination& elimination) const {
     return elimination.assemble<3>(
-        [this](Index i) -> const Matrix3& { return diagonal_[components_.row_in_component[i]]; },
-        [this](Index k) -> Matrix3 { return -weighted_rotation(Quaternion(residuals_()[k])); });
+        [this](Index i) -> const Matrix3& { return sums_.diagonal(i); },
+        [this](Index k) -> Matrix3 { return -weighted_rotation(Quaternion(residuals()()[k])); });
   }
 
  private:
-  const ResidualQuaternions& residuals_;
+  const NodeSums& sums_;
   const Components& components_;
   Index component_;
   const std::vector<Index>& nodes_;
-  std::vector<Matrix3> diagonal_;
 };
 
 }  // namespace rotavg

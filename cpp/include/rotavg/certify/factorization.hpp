@@ -7,6 +7,7 @@
 
 #include <Eigen/Core>
 
+#include <rotavg/certify/bound.hpp>
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/certify/min_eigenvalue.hpp>
 #include <rotavg/graph/elimination.hpp>
@@ -15,24 +16,6 @@
 #include <rotavg/linalg/tall.hpp>
 
 namespace rotavg {
-
-/// How a bound is known.
-enum class Evidence {
-  none,      ///< the work was stopped, or an eigenvalue iteration did not converge
-  estimate,  ///< by an eigenvalue estimate
-  proof,     ///< by a factorisation, rounding included
-};
-
-/// What is known of one component: f(R) - f* <= gap, and the smallest eigenvalue of S.
-struct ComponentBound {
-  Evidence evidence = Evidence::none;
-  double gap = std::numeric_limits<double>::infinity();
-  double lambda_min = std::numeric_limits<double>::quiet_NaN();
-};
-
-inline double value_or_nan(const Eigenpair& pair) {
-  return pair.converged ? pair.value : std::numeric_limits<double>::quiet_NaN();
-}
 
 /// The bound from one Cholesky factorisation of S with its first node removed, S_r.
 ///
@@ -59,9 +42,8 @@ inline ComponentBound bound_by_grounded_factorization(const CertificateMatrix& S
   Eigen::MatrixXd Z = Eigen::MatrixXd::Zero(S.size(), 3);
   Z.bottomRows(rows) = cholesky.solve(K.bottomRows(rows));
   const Matrix3 Q = inner_products(K, Z);
-  bound.gap =
-      std::max(Q.trace(), 0.0) + 4.0 * cholesky.rounding_trace() + S.rounding_trace();
-  bound.evidence = Evidence::proof;
+  bound.gap = std::max(Q.trace(), 0.0) + 4.0 * cholesky.rounding_trace() + S.rounding_trace();
+  bound.method = CertificateMethod::factorization;
 
   // u^T N^T S N u = 0 and S >= -e e^T (x) Q: lambda_min lies between -lambda_max(Q) and zero.
   const SmallEigen eigen = small_eigen(0.5 * (Q + Q.transpose()));
@@ -111,7 +93,7 @@ inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
   }
   if (outcome != CholeskyOutcome::positive_definite) return bound;
   bound.gap = gap_at(shift);
-  bound.evidence = Evidence::proof;
+  bound.method = CertificateMethod::factorization;
   const LinearOperator inverse = [&](const Eigen::MatrixXd& X) { return cholesky.solve(X); };
   const Eigen::Index block = std::min<Eigen::Index>(4, S.size());
   bound.lambda_min =

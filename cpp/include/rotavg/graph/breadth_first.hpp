@@ -30,6 +30,7 @@ inline BreadthFirstForest breadth_first_forest(const MeasurementGraph& graph) {
     forest.order.push_back(root);
     for (; next < forest.order.size(); ++next) {
       const Index i = forest.order[next];
+      if (forest.order.size() == n) return forest;  // on dense graphs, long before the last row
       for (const HalfEdge& h : graph.row(i)) {
         const Index j = h.node;
         if (forest.depth[j] >= 0) continue;

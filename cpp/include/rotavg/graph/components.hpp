@@ -24,19 +24,22 @@ inline Components connected_components(const MeasurementGraph& graph) {
   components.label.assign(n, -1);
   components.row_in_component.assign(n, 0);
   std::vector<Index> stack;
+  Index unlabelled = graph.num_nodes();  // none are left on dense graphs long before the last row
   for (Index root = 0; root < graph.num_nodes(); ++root) {
     if (components.label[root] >= 0) continue;
     const Index c = components.size();
     components.nodes.emplace_back();
     components.label[root] = c;
+    --unlabelled;
     stack.assign(1, root);
-    while (!stack.empty()) {
+    while (!stack.empty() && unlabelled > 0) {
       const Index i = stack.back();
       stack.pop_back();
       for (const HalfEdge& h : graph.row(i)) {
         Index& label = components.label[h.node];
         if (label >= 0) continue;
         label = c;
+        --unlabelled;
         stack.push_back(h.node);
       }
     }

@@ -43,9 +43,9 @@ struct QuaternionEdge {
   Index j;
 };
 
-/// The measurement graph: n nodes and m weighted relative rotations, held as a list of edges and, in
-/// quaternions, as the block rows of the paper's symmetric matrix Rt (4). Parallel edges, several
-/// components and nodes without edges are allowed. Immutable.
+/// The measurement graph: n nodes and m weighted relative rotations, held as a list of edges and,
+/// in quaternions, as the block rows of the paper's symmetric matrix Rt (4). Parallel edges,
+/// several components and nodes without edges are allowed. Immutable.
 class MeasurementGraph {
  public:
   /// The block row of one node.
@@ -95,9 +95,7 @@ class MeasurementGraph {
   const std::vector<QuaternionEdge>& quaternion_edges() const { return quaternion_edges_; }
 
   /// The block Rt_lq = w R_lq of a half-edge of node l.
-  static Matrix3 block(const HalfEdge& h) {
-    return weighted_rotation(h.node_from_l.conjugate());
-  }
+  static Matrix3 block(const HalfEdge& h) { return weighted_rotation(h.node_from_l.conjugate()); }
 
   /// The blocks of node l's row of Rt, in the order of the edges.
   Row row(Index l) const {

@@ -260,8 +260,8 @@ class BlockCholesky {
 
   std::shared_ptr<const SymbolicCholesky> symbolic_;
   std::vector<std::size_t> panel_start_;
-  Buffer panels_;  // of every supernode: its columns of L, column-major
-  Buffer stack_;   // of what is left over for parents
+  Buffer panels_;                    // of every supernode: its columns of L, column-major
+  Buffer stack_;                     // of what is left over for parents
   std::vector<Lanes> rows_, front_;  // of right-hand sides, in the order of elimination
   PartialCholesky partial_cholesky_;
 };

@@ -6,6 +6,7 @@
 #include <initializer_list>
 #include <limits>
 #include <random>
+#include <utility>
 
 #include <Eigen/Core>
 
@@ -49,27 +50,45 @@ inline Eigen::MatrixXd random_start(Eigen::Index rows, Eigen::Index columns) {
 
 namespace detail {
 
+/// Columns and what the operator makes of them, kept together so that it is applied only once to
+/// every new direction.
+struct WithImage {
+  Eigen::MatrixXd V, AV;
+};
+
 /// An orthonormal basis of the columns of several blocks, in their order; columns that depend on
 /// those before them, to working precision, are left out.
-inline Eigen::MatrixXd orthonormal_basis(std::initializer_list<const Eigen::MatrixXd*> blocks,
-                                         Eigen::Index rows, Eigen::Index max_size) {
-  Eigen::MatrixXd V(rows, max_size);
+inline WithImage orthonormal_basis(std::initializer_list<const WithImage*> blocks,
+                                   Eigen::Index rows, Eigen::Index max_size) {
+  WithImage basis{Eigen::MatrixXd(rows, max_size), Eigen::MatrixXd(rows, max_size)};
   Eigen::Index size = 0;
-  for (const Eigen::MatrixXd* block : blocks) {
-    for (Eigen::Index c = 0; c < block->cols() && size < max_size; ++c) {
-      Eigen::VectorXd v = block->col(c);
-      const double norm = v.norm();
+  for (const WithImage* block : blocks) {
+    for (Eigen::Index c = 0; c < block->V.cols() && size < max_size; ++c) {
+      auto v = basis.V.col(size);
+      auto Av = basis.AV.col(size);
+      v = block->V.col(c);
+      Av = block->AV.col(c);
+      double norm = v.norm();
       if (!(norm > 0.0) || !std::isfinite(norm)) continue;
       v /= norm;
+      Av /= norm;
       for (int pass = 0; pass < 2; ++pass) {  // twice is enough
-        for (Eigen::Index k = 0; k < size; ++k) v -= V.col(k).dot(v) * V.col(k);
+        for (Eigen::Index k = 0; k < size; ++k) {
+          const double along = basis.V.col(k).dot(v);
+          v -= along * basis.V.col(k);
+          Av -= along * basis.AV.col(k);
+        }
       }
-      const double rest = v.norm();
-      if (rest < 1e-8) continue;
-      V.col(size++) = v / rest;
+      norm = v.norm();
+      if (norm < 1e-8) continue;
+      v /= norm;
+      Av /= norm;
+      ++size;
     }
   }
-  return V.leftCols(size);
+  basis.V.conservativeResize(Eigen::NoChange, size);
+  basis.AV.conservativeResize(Eigen::NoChange, size);
+  return basis;
 }
 
 inline bool meets(const LobpcgOptions& options, const Eigenpair& pair) {
@@ -104,26 +123,32 @@ inline Eigenpair smallest_eigenpair(const LinearOperator& A, const LinearOperato
   };
 
   const Eigen::Index max_size = std::min(rows - constraints.cols(), 3 * start.cols());
-  MatrixXd X = project(start), P(rows, 0), W(rows, 0);
+  const auto with_image = [&](MatrixXd V) {
+    MatrixXd AV = A(V);
+    return detail::WithImage{std::move(V), std::move(AV)};
+  };
+  const detail::WithImage nothing{MatrixXd(rows, 0), MatrixXd(rows, 0)};
+  detail::WithImage X = with_image(project(start)), P = nothing, W = nothing;
   Eigenpair best;
   int idle = 0;  // iterations in which theta hardly fell
   for (int iteration = 0;; ++iteration) {
     // Rayleigh-Ritz on span [X W P]
-    const MatrixXd V = detail::orthonormal_basis({&X, &W, &P}, rows, max_size);
+    const detail::WithImage basis = detail::orthonormal_basis({&X, &W, &P}, rows, max_size);
+    const auto& [V, AV] = basis;
     if (V.cols() == 0) return best;
-    const MatrixXd AV = A(V);
     const MatrixXd H = inner_products(V, AV);
     const SmallEigen ritz = small_eigen(0.5 * (H + H.transpose()));
     const Eigen::Index k = std::min(start.cols(), V.cols());
     const MatrixXd C = ritz.vectors.leftCols(k);
-    const Eigen::Index others = std::max<Eigen::Index>(V.cols() - X.cols(), 0);
-    X = combinations(V, C);
-    P = combinations(V.rightCols(others), C.bottomRows(others));
-    const MatrixXd residual = project(combinations(AV, C) - X * ritz.values.head(k).asDiagonal());
+    const Eigen::Index others = std::max<Eigen::Index>(V.cols() - X.V.cols(), 0);
+    X = {combinations(V, C), combinations(AV, C)};
+    P = {combinations(V.rightCols(others), C.bottomRows(others)),
+         combinations(AV.rightCols(others), C.bottomRows(others))};
+    const MatrixXd residual = project(X.AV - X.V * ritz.values.head(k).asDiagonal());
     const double fall = best.value - ritz.values(0);
     idle = iteration > 0 && fall <= options.value_tolerance ? idle + 1 : 0;
     best.value = ritz.values(0);
-    best.vector = X.col(0);
+    best.vector = X.V.col(0);
     best.residual = residual.col(0).norm();
     best.iterations = iteration;
     const bool exhausted = V.cols() >= rows - constraints.cols();
@@ -132,7 +157,7 @@ inline Eigenpair smallest_eigenpair(const LinearOperator& A, const LinearOperato
     best.converged = enough && (settled || detail::meets(options, best));
     if (best.converged || iteration >= options.max_iterations) break;
     if (options.keep_going && !options.keep_going()) break;
-    W = project(T ? T(residual) : residual);
+    W = with_image(project(T ? T(residual) : residual));
   }
   // What is returned is evaluated at the returned vector.
   const MatrixXd x = best.vector;

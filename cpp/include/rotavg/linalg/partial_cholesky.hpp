@@ -112,7 +112,8 @@ class PartialCholesky {
       Pack s00 = Pack::Zero(), s01 = s00, s02 = s00, s10 = s00, s11 = s00, s12 = s00, s20 = s00,
            s21 = s00, s22 = s00;
       for (Index k = 0; k < depth; ++k, a += tile_rows, b += tile_rows) {
-        const Pack a0 = AlignedPack(a), a1 = AlignedPack(a + lanes), a2 = AlignedPack(a + 2 * lanes);
+        const Pack a0 = AlignedPack(a), a1 = AlignedPack(a + lanes),
+                   a2 = AlignedPack(a + 2 * lanes);
         const double b0 = b[0], b1 = b[1], b2 = b[2];
         s00 += a0 * b0;
         s01 += a1 * b0;

@@ -14,9 +14,7 @@ inline BlockCholesky<3>::Blocks connection_laplacian(const MeasurementGraph& gra
                                                      Elimination& elimination) {
   return elimination.assemble<3>(
       [&](Index i) -> Matrix3 { return graph.degree(i) * Matrix3::Identity(); },
-      [&](Index k) -> Matrix3 {
-        return -weighted_rotation(graph.quaternion_edges()[k].i_from_j);
-      });
+      [&](Index k) -> Matrix3 { return -weighted_rotation(graph.quaternion_edges()[k].i_from_j); });
 }
 
 }  // namespace rotavg

@@ -1,60 +1,86 @@
 #pragma once
 
-#include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/gradient.hpp>
+#include <rotavg/problem/objective.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
+
+/// A sum of p p^T over products p = q b of quaternions, four numbers in a register: the inner loop
+/// of all sweeps.
+class DavenportSum {
+ public:
+  /// Adds p p^T for p = q b.
+  EIGEN_STRONG_INLINE void add(const Quaternion& q, const WeightedQuaternion& b_xyzw) {
+    Lanes b;
+    std::memcpy(&b, b_xyzw.coeffs().data(), sizeof b);
+    const Lanes p = q.w() * b +
+                    q.x() * Lanes{1, -1, 1, -1} * __builtin_shufflevector(b, b, 3, 2, 1, 0) +
+                    q.y() * Lanes{1, 1, -1, -1} * __builtin_shufflevector(b, b, 2, 3, 0, 1) +
+                    q.z() * Lanes{-1, 1, 1, -1} * __builtin_shufflevector(b, b, 1, 0, 3, 2);
+    same_ += p * p;
+    next_ += p * __builtin_shufflevector(p, p, 1, 2, 3, 0);
+    opposite_ += p * __builtin_shufflevector(p, p, 2, 3, 0, 1);
+  }
+  Matrix4 matrix() const {
+    Matrix4 K;
+    K << same_[0], next_[0], opposite_[0], next_[3],  //
+        next_[0], same_[1], next_[1], opposite_[1],   //
+        opposite_[0], next_[1], same_[2], next_[2],   //
+        next_[3], opposite_[1], next_[2], same_[3];
+    return K;
+  }
+
+ private:
+  using Lanes = double __attribute__((vector_size(4 * sizeof(double))));
+  Lanes same_ = {}, next_ = {},
+        opposite_ = {};  // products of x, y, z, w with x, y, z, w; y, z, w, x; …
+};
 
 /// The paper's A_l (10) in quaternions: K_l = sum p p^T over the neighbours' estimates p of R_l, so
 /// that for a unit q
 ///
 ///     tr(A_l R(q)) = deg_l - 4 q^T K_l q.
 inline Matrix4 davenport_matrix(const MeasurementGraph& graph, const Quaternions& q, Index l) {
-  Matrix4 K = Matrix4::Zero();
-  for (const HalfEdge& h : graph.row(l)) {
-    const Vector4 p = product(q[h.node], h.node_from_l);  // R_l ~ R_q R_ql, times sqrt(w)
-    K += p * p.transpose();
-  }
-  return K;
+  DavenportSum K;
+  for (const HalfEdge& h : graph.row(l)) K.add(q[h.node], h.node_from_l);  // R_l ~ R_q R_ql
+  return K.matrix();
 }
 
 /// K_l of all nodes, with the objective and the gradient, in one pass over the measurements.
 struct DavenportMatrices {
   std::vector<Matrix4> K;
   double objective = 0.0;
+  double objective_rounding = 0.0;  ///< how much rounding can have moved it
   GradientNorm gradient;
 
   void update(const MeasurementGraph& graph, const Quaternions& q, int num_threads) {
     K.resize(q.size());
     const auto sums = block_sum<Sums>(graph.num_nodes(), num_threads, [&](Index l) {
-      Matrix4 K_l = Matrix4::Zero();
-      const Vector4 q_l = q[l].coeffs();
-      double squares = 0.0;
-      for (const HalfEdge& h : graph.row(l)) {
-        const Vector4 p = product(q[h.node], h.node_from_l);
-        K_l += p * p.transpose();
-        squares += (p - p.dot(q_l) * q_l).squaredNorm();
-      }
-      K[l] = K_l;
-      Sums at_node;
-      at_node.objective = 4.0 * squares;  // each edge twice
-      if (graph.row(l).size() > 0) {
-        // sum 8 (p . q) p q^-1, whose vector part is minus the gradient
-        const Vector4 p(8.0 * (K_l * q_l));
-        const double norm = product(Quaternion(p), q[l].conjugate()).head<3>().norm();
-        at_node.gradient = {norm * norm, norm / graph.degree(l)};
-      }
-      return at_node;
+      if (graph.row(l).size() == 0) return Sums{};
+      K[l] = davenport_matrix(graph, q, l);
+      const Vector4 Kq = K[l] * q[l].coeffs();
+      // 8 (K q) q^-1: the vector part is minus the gradient
+      const double norm = 8.0 * product(Quaternion(Kq), q[l].conjugate()).head<3>().norm();
+      return Sums{4.0 * (graph.degree(l) - q[l].coeffs().dot(Kq)),  // each edge counts at both ends
+                  {norm * norm, norm / graph.degree(l)}};
     });
-    objective = sums.objective;
     gradient = {std::sqrt(sums.gradient.squares), sums.gradient.largest};
+    objective = sums.objective;
+    objective_rounding =
+        1e-14 * std::sqrt(2.0 * graph.num_edges() / graph.num_nodes()) * graph.total_weight();
+    if (objective < 1e5 * objective_rounding) {  // too few digits are left of the difference
+      objective = rotavg::objective(graph, q, num_threads);
+      objective_rounding = rotavg::objective_rounding(graph, objective);
+    }
   }
 
  private:

@@ -14,7 +14,21 @@
 
 namespace rotavg {
 
-/// What every edge leaves over, in the global frame: sqrt(w) times the unit quaternion e = (v, s) of
+/// sqrt(w) times the unit quaternion of R_i R_ij R_j^T.
+inline Vector4 residual_quaternion(const QuaternionEdge& edge, const Quaternions& q) {
+  const WeightedQuaternion j_estimate(product(q[edge.i], edge.i_from_j));
+  return product(j_estimate, WeightedQuaternion(conjugated(q[edge.j])));
+}
+
+/// The objective (3) without storing anything.
+inline double objective(const MeasurementGraph& graph, const Quaternions& q, int num_threads) {
+  return block_sum<double>(graph.num_edges(), num_threads, [&](Index k) {
+    return 8.0 * residual_quaternion(graph.quaternion_edges()[k], q).head<3>().squaredNorm();
+  });
+}
+
+/// What every edge leaves over, in the global frame: sqrt(w) times the unit quaternion e = (v, s)
+/// of
 ///
 ///     E_ij = R_i R_ij R_j^T,
 ///
@@ -35,13 +49,9 @@ class ResidualQuaternions {
 
   /// Moves to other rotations.
   void update(const Quaternions& q) {
-    const auto& edges = graph_.quaternion_edges();
     objective_ = block_sum<double>(graph_.num_edges(), num_threads_, [&](Index k) {
-      const QuaternionEdge& edge = edges[k];
-      const WeightedQuaternion j_estimate(product(q[edge.i], edge.i_from_j));
-      const Vector4 e = product(j_estimate, WeightedQuaternion(conjugated(q[edge.j])));
-      e_[k] = e;
-      return 8.0 * e.head<3>().squaredNorm();
+      e_[k] = residual_quaternion(graph_.quaternion_edges()[k], q);
+      return 8.0 * e_[k].head<3>().squaredNorm();
     });
   }
 

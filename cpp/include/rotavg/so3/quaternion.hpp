@@ -72,8 +72,8 @@ inline Quaternion turned(const Quaternion& q, const Vector3& w) {
 
 /// |R(a) - R(b)|_F of unit quaternions: 2 sqrt(2) times the sine of half the angle between them.
 inline double chordal_distance(const Quaternion& a, const Quaternion& b) {
-  const double squared = std::min((a.coeffs() - b.coeffs()).squaredNorm(),
-                                  (a.coeffs() + b.coeffs()).squaredNorm());
+  const double squared =
+      std::min((a.coeffs() - b.coeffs()).squaredNorm(), (a.coeffs() + b.coeffs()).squaredNorm());
   return 2.0 * std::sqrt(2.0 * squared * (1.0 - 0.25 * squared));
 }
 
@@ -102,8 +102,7 @@ inline Quaternion loso(const Matrix4& K, const Quaternion& start) {
       2.0 * (K(0, 2) + K(1, 3)),  //
       2.0 * (K(0, 1) + K(2, 3)), K(1, 1) - K(0, 0) - K(2, 2) + K(3, 3),
       2.0 * (K(1, 2) - K(0, 3)),  //
-      2.0 * (K(0, 2) - K(1, 3)), 2.0 * (K(1, 2) + K(0, 3)),
-      K(2, 2) - K(0, 0) - K(1, 1) + K(3, 3);
+      2.0 * (K(0, 2) - K(1, 3)), 2.0 * (K(1, 2) + K(0, 3)), K(2, 2) - K(0, 0) - K(1, 1) + K(3, 3);
   const Quaternion nearest(nearest_rotation(M));
   const double value = nearest.coeffs().dot(K * nearest.coeffs());
   return value * yy >= y.dot(K * y) ? nearest : Quaternion(Vector4(y / std::sqrt(yy)));

@@ -15,6 +15,7 @@
 #include <rotavg/solve/options.hpp>
 #include <rotavg/solve/result.hpp>
 #include <rotavg/solve/stopwatch.hpp>
+#include <rotavg/solve/sum.hpp>
 
 namespace rotavg {
 
@@ -32,26 +33,50 @@ inline void append(IterationResult& first, IterationResult second) {
   first = std::move(second);
 }
 
-/// Block coordinate descent, and Newton's method where sweeps are slow:
+/// What is left of the limits for a second solver, whose reports continue those of the first.
+inline IterationOptions remaining(const IterationOptions& options, const IterationResult& first) {
+  IterationOptions rest = options;
+  rest.time_limit -= first.seconds;
+  rest.max_iterations -= first.iterations;
+  if (options.callback) {
+    rest.callback = [callback = options.callback, iterations = first.iterations,
+                     seconds = first.seconds](Progress progress) {
+      if (progress.iteration == 0) return true;  // reported already
+      progress.iteration += iterations;
+      progress.seconds += seconds;
+      return callback(progress);
+    };
+  }
+  return rest;
+}
+
+/// Sweeps, and Newton's method where they are slow:
 ///
 /// - Sweeps come first: they smooth the start, from which Newton's method would run into bad local
-///   minima more often, and converge later. (On grids and trajectories with noise of 0.1 to 0.3 rad,
-///   three did as well as twenty.)
-/// - On sparse graphs the Laplacian factors at little cost, and Newton's method goes on after three.
+///   minima more often, and converge later. (On grids and trajectories with noise of 0.1 to 0.3
+///   rad, three did as well as twenty.)
+/// - On sparse graphs the Laplacian factors at little cost, and Newton's method goes on after
+/// three.
 /// - On others the sweeps are watched; if at their rate many more would be needed, Newton's method
-///   takes over, unless the Laplacian is too large to factor.
+///   takes over, unless the Laplacian is too large to factor. On dense graphs, where all nodes at
+///   once converge as quickly as one after the other, the sweeps are those of SUM, which reads the
+///   measurements once for the step, the objective and the gradient, and uses all threads.
 ///
+/// @param eliminations of all components, without their roots
 /// @param method receives what was used in the end
 /// @param reason receives one line on what was chosen and why
 inline IterationResult solve_automatically(const MeasurementGraph& graph,
-                                           std::vector<Elimination>& eliminations, const Rotations& R,
-                                           const IterationOptions& options, Method& method,
-                                           std::string& reason) {
-  constexpr double sparse_degree = 20.0;  // edges at a node, on average
+                                           std::vector<Elimination>& eliminations,
+                                           const Rotations& R, const IterationOptions& options,
+                                           Method& method, std::string& reason) {
+  constexpr double sparse_degree = 20.0;                    // edges at a node, on average
+  constexpr double dense_degree = 64.0, dense_share = 0.1;  // of all pairs of nodes
   constexpr double max_flops = 1e10;
-  constexpr int first_sweeps = 3, watched_sweeps = 10;
+  constexpr int first_sweeps = 3, watched_sweeps = 6;
   constexpr double patience = 40.0;  // sweeps
-  const double degree = 2.0 * graph.num_edges() / std::max<Index>(graph.num_nodes(), 1);
+  const double n = std::max<Index>(graph.num_nodes(), 1), degree = 2.0 * graph.num_edges() / n;
+  const bool sparse = degree <= sparse_degree;
+  const bool dense = degree >= dense_degree && degree >= dense_share * n;
   const auto line = [&reason](const auto&... parts) {
     std::ostringstream text;
     text.precision(2);
@@ -59,8 +84,9 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     reason = text.str();
   };
 
-  // Coordinate descent, until it has converged or proves slow.
-  method = Method::bcd;
+  // Sweeps, until they have converged or prove slow.
+  method = dense ? Method::sum : Method::bcd;
+  const char* const name = dense ? "sum" : "bcd";
   bool slow = false;
   double last = 0.0, before_last = 0.0;
   IterationOptions watched = options;
@@ -69,37 +95,27 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     const double rate =
         progress.iteration >= 2 ? std::sqrt(progress.relative_gradient / before_last) : 0.0;
     before_last = std::exchange(last, progress.relative_gradient);
-    const bool sparse = degree <= sparse_degree;
     if (progress.iteration < (sparse ? first_sweeps : watched_sweeps)) return true;
     const double sweeps = std::log(options.tolerance / last) / std::log(rate);
     slow = sparse || (options.stop == StopRule::gradient && !(rate < 1.0 && sweeps <= patience));
     return !slow;
   };
-  IterationResult result = bcd(graph, R, watched);
+  IterationResult result = dense ? sum(graph, R, watched) : bcd(graph, R, watched);
   if (result.status != Status::stopped || !slow) {
-    line("bcd: average degree ", degree, ", ", result.iterations, " sweeps did");
+    line(name, ": average degree ", degree, ", ", result.iterations, " sweeps did");
     return result;
   }
-  IterationOptions rest = options;
-  rest.time_limit -= result.seconds;
-  rest.max_iterations -= result.iterations;
-  if (options.callback) {
-    rest.callback = [&, before = result.iterations, seconds = result.seconds](Progress progress) {
-      if (progress.iteration == 0) return true;  // reported already
-      progress.iteration += before;
-      progress.seconds += seconds;
-      return options.callback(progress);
-    };
-  }
+  const IterationOptions rest = remaining(options, result);
   LaplacianMetric metric(graph, eliminations);
   const Rotations start = result.rotations;
   const double flops = metric.flops(max_flops);
   if (flops <= max_flops) {
     method = Method::newton;
-    line("newton after ", result.iterations, " sweeps of bcd: average degree ", degree,
+    line("newton after ", result.iterations, " sweeps of ", name, ": average degree ", degree,
          ", the Laplacian factors in ", flops, " operations");
     append(result, newton(graph, start, metric, rest));
   } else {
+    method = Method::bcd;
     line("bcd: the Laplacian is too large to factor (", flops, " operations)");
     append(result, bcd(graph, start, rest));
   }

@@ -29,9 +29,9 @@ struct NewtonBuffers {
 /// An approximate solution w of H w = -g by conjugate gradients with the preconditioner P (Steihaug
 /// 1983 without a radius): stops at |r|_P <= forcing |g|_P, and where the curvature is not
 /// positive. The first step alone is the Laplacian descent direction.
-inline const NodeVectors& newton_direction(const ResidualQuaternions& residuals,
-                                           LaplacianMetric& P, const NodeVectors& g, double forcing,
-                                           int max_steps, NewtonBuffers& buffers) {
+inline const NodeVectors& newton_direction(const ResidualQuaternions& residuals, LaplacianMetric& P,
+                                           const NodeVectors& g, double forcing, int max_steps,
+                                           NewtonBuffers& buffers) {
   auto& [w, r, z, p, Hp] = buffers;
   w.setZero(g.rows(), 3);
   r = g;  // H w + g

@@ -61,8 +61,8 @@ namespace detail {
 
 /// Rotations of one initial value: solved, gauge fixed, certified.
 inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
-                     const Stopwatch& watch, std::vector<Elimination>& eliminations, const Rotations& R,
-                     Solution& solution) {
+                     const Stopwatch& watch, std::vector<Elimination>& eliminations,
+                     const Rotations& R, Solution& solution) {
   const double before = watch.seconds();
   IterationOptions iteration = options.iteration;
   iteration.time_limit -= before;
@@ -77,8 +77,7 @@ inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
       case Method::automatic:
         break;
     }
-    return solve_automatically(graph, eliminations, R, iteration, solution.method,
-                               solution.reason);
+    return solve_automatically(graph, eliminations, R, iteration, solution.method, solution.reason);
   }();
   fix_gauge(solution.components, solution.rotations);
   const double solved = watch.seconds();

@@ -74,11 +74,11 @@ inline IterationResult sum(const MeasurementGraph& graph, const Rotations& R,
         const Matrix4 K_i = now.K[i] + mu_i * q_i * q_i.transpose();  // (23)
         next[i] = loso(K_i, q[i]);                                    // (24)
         return detail::StepSums{detail::gain(K_i, q_i, next[i].coeffs()),
-                        std::pow(chordal_distance(q[i], next[i]), 2)};
+                                std::pow(chordal_distance(q[i], next[i]), 2)};
       });
       then.update(graph, next, num_threads);
       step = std::sqrt(sums.change / (3.0 * graph.num_nodes()));
-      const double rounding = objective_rounding(graph, now.objective);
+      const double rounding = now.objective_rounding + then.objective_rounding;
       const bool falls = then.objective <= now.objective - 0.25 * sums.promise + rounding;
       if (falls || mu_rule != MuRule::adaptive || theta >= 1.0) break;
       theta = std::max(0.125, 2.0 * theta);
