@@ -1,0 +1,1 @@
+"""One adapter (`benchmarks.problem.Adapter`) for each solver or family of solvers."""
