@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,14 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from benchmarks.compare import GraphResult
 from benchmarks.summary import rows
 
-_FLOOR = 1e-12  # what is closer to the optimum is drawn here
+_FLOOR, _CEILING = 1e-12, 10.0  # what is closer to the optimum is drawn at the floor
 _COLOURS = {
     "rotavg": "tab:blue",
     "gtsam": "tab:orange",
@@ -93,8 +95,10 @@ def _panel(axes: Axes, result: GraphResult, looks: dict[str, dict[str, Any]]) ->
         ylabel=f"(f - f*) / f*, at least {_FLOOR:g}",
         title=f"{result.name}: {result.nodes} nodes, {result.edges} edges",
     )
-    axes.set_ylim(bottom=_FLOOR / 4)
+    axes.set_ylim(_FLOOR / 4, _CEILING)
+    # Whole decades, so that there are labels enough, and all of them legible.
+    axes.set_xlim(*(10.0 ** f(np.log10(x)) for f, x in zip((np.floor, np.ceil), axes.get_xlim())))
     axes.grid(alpha=0.3)
     if failed:
-        text = "no answer: " + ", ".join(failed)
-        axes.text(0.02, 0.95, text, transform=axes.transAxes, fontsize=8)
+        text = textwrap.fill("no answer: " + ", ".join(failed), 75, break_on_hyphens=False)
+        axes.text(0.02, 0.98, text, transform=axes.transAxes, fontsize=8, va="top")

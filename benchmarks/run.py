@@ -15,7 +15,7 @@ from benchmarks import cases, record, report
 from benchmarks.compare import GraphResult, Settings, compare, refusals
 from benchmarks.solvers import SOLVERS, Solver
 
-_WIDTH = 140  # of tables in a file or a pipe
+_WIDTH = 150  # of tables in a file or a pipe
 _BUSY = 0.5  # load of each processor
 _MEMORY_SHARE = 0.8  # of the machine's, for one process
 

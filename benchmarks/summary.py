@@ -28,6 +28,7 @@ class Row:
     claim: str
     cpu_s: float
     wall_s: float
+    prepare_s: float
     memory_mib: float
     excess: float
     relative_gradient: float
@@ -59,6 +60,7 @@ def _row(runs: Sequence[Run], baseline: Sequence[Run]) -> Row:
         claim=worst.claim,
         cpu_s=_median(run.cpu_s for run in good),
         wall_s=_median(run.wall_s for run in good),
+        prepare_s=_median(run.prepare_s for run in good),
         memory_mib=_median(run.memory_mib for run in good),
         excess=worst.excess,
         relative_gradient=worst.relative_gradient,
@@ -88,7 +90,7 @@ def title(result: GraphResult) -> str:
 
 def header(several_threads: bool) -> list[str]:
     """The names of the columns of `cells`."""
-    names = ["solver", "its own verdict", "CPU s", "wall s", "MiB"]
+    names = ["solver", "its own verdict", "CPU s", "wall s", "prepare s", "MiB"]
     names += ["(f - f*) / f*", "gradient", "rotavg's verdict"]
     return [*names, "threads", "speed-up"] if several_threads else names
 
@@ -100,6 +102,7 @@ def cells(row: Row, several_threads: bool) -> list[str]:
         "; ".join(text for text in (row.claim, row.failure) if text) or "-",
         _seconds(row.cpu_s),
         _seconds(row.wall_s),
+        _seconds(row.prepare_s),
         "" if math.isnan(row.memory_mib) else f"{row.memory_mib:.3g}",
         "" if math.isnan(row.excess) else f"{row.excess:.1e}" if row.excess > 0 else "0",
         "" if math.isnan(row.relative_gradient) else f"{row.relative_gradient:.0e}",

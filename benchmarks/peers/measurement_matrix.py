@@ -20,12 +20,17 @@ def measurement_matrix(problem: Problem) -> Matrix:
     n = problem.num_nodes
     i, j = problem.indices.T.astype(np.int64)
     weighted = problem.weights[:, None, None] * problem.rotations
+    if 2 * len(i) >= _DENSE_FROM * n * n:
+        blocks = np.zeros((n, 3, n, 3))
+        for a, b in np.ndindex(3, 3):
+            np.add.at(blocks[:, a, :, b], (i, j), weighted[:, a, b])
+            np.add.at(blocks[:, b, :, a], (j, i), weighted[:, a, b])
+        return blocks.reshape(3 * n, 3 * n)
     values = np.concatenate([weighted, np.swapaxes(weighted, 1, 2)])
     rows = 3 * np.concatenate([i, j])[:, None, None] + np.arange(3)[:, None]
     columns = 3 * np.concatenate([j, i])[:, None, None] + np.arange(3)
     places = tuple(np.broadcast_to(k, values.shape).ravel() for k in (rows, columns))
-    matrix = scipy.sparse.coo_array((values.ravel(), places), shape=(3 * n, 3 * n)).tocsr()
-    return matrix.toarray() if len(values) >= _DENSE_FROM * n * n else matrix
+    return scipy.sparse.coo_array((values.ravel(), places), shape=(3 * n, 3 * n)).tocsr()
 
 
 def stacked(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
