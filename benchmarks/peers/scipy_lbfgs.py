@@ -1,7 +1,8 @@
 """SciPy's L-BFGS-B over rotation vectors w_i with R_i = exp([w_i]) start_i.
 
-Of scipy.optimize this is what competes: `least_squares` and Newton-CG need more at every step than
-the whole of it takes.
+Of scipy.optimize this is what competes. On smallGrid3D, sphere-300 and complete-150, CG, TNC,
+Newton-CG and trust-krylov took 1 to 3 times as long, `least_squares` with the analytic sparse
+Jacobian 2 to 160 times.
 """
 
 from __future__ import annotations
