@@ -41,6 +41,7 @@ struct Names<rotavg::Initialization> {
       {rotavg::Initialization::automatic, "auto"},
       {rotavg::Initialization::shortest_path, "shortest_path"},
       {rotavg::Initialization::chordal, "chordal"},
+      {rotavg::Initialization::quaternion, "quaternion"},
       {rotavg::Initialization::random, "random"}};
 };
 

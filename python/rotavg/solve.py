@@ -17,7 +17,7 @@ from rotavg.graph import MeasurementGraph
 from rotavg.solution import Certificate, Solution, Status, Timings, Trace, Verdict
 
 Method = Literal["auto", "bcd", "sum", "newton"]
-Init = Literal["auto", "shortest_path", "chordal", "random"]
+Init = Literal["auto", "shortest_path", "chordal", "quaternion", "random"]
 Stop = Literal["gradient", "step"]
 Mu = Literal["adaptive", "min_eigenvalue"]
 Progress = _core.Progress
@@ -50,9 +50,10 @@ def solve(
             (successive upper-bound minimisation, Algorithm 3, parallel), "newton" (Newton's method
             in the metric of the graph Laplacian), or "auto", which watches and chooses.
         init: the initial value: "shortest_path" (Lemma 3), "chordal" (the linear relaxation of
-            Martinec and Pajdla 2007), "random", rotations (n, 3, 3) world_from_node to start
-            from, or "auto": the shortest paths and, if "auto" chooses the method as well and the
-            answer is refuted, a second run from the chordal value.
+            Martinec and Pajdla 2007), "quaternion" (that of Govindu 2001: nearer the optimum where
+            the noise is small, worse where there are outliers), "random", rotations (n, 3, 3)
+            world_from_node to start from, or "auto": the shortest paths and, if "auto" chooses the
+            method as well and the answer is refuted, a second run from the chordal value.
         certify: whether to bound the distance from the global optimum.
         tolerance: when to stop, see `stop`.
         stop: "gradient" stops when the relative gradient (radians) is below the tolerance;

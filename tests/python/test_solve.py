@@ -22,6 +22,19 @@ def test_noiseless_graphs_are_solved_by_the_shortest_path_start() -> None:
         assert solution.certificate.verdict == "proved", kind
 
 
+@pytest.mark.parametrize("init", ["shortest_path", "chordal", "quaternion"])
+def test_an_initial_value_is_exact_without_noise_and_leads_to_the_optimum_with(init: str) -> None:
+    for kind in ("complete", "cycle", "grid", "sphere", "band"):
+        exact = rotavg.solve(rotavg.simulate(kind, 60, seed=3).graph, init=init, max_iterations=0)  # type: ignore[arg-type]
+        assert exact.init == init
+        assert exact.solved, kind
+        graph = rotavg.simulate(kind, 60, noise=0.1, seed=3).graph
+        solution = rotavg.solve(graph, init=init)  # type: ignore[arg-type]
+        assert solution.init == init
+        assert solution.certificate is not None
+        assert solution.certificate.verdict == "proved", kind
+
+
 @pytest.mark.parametrize(("phi", "p"), PAPER_SETTINGS)
 def test_bcd_and_sum_end_at_the_same_certified_objective_over_100_seeds(
     phi: float, p: float
@@ -167,7 +180,7 @@ def test_parallel_edges_add_up() -> None:
 
 
 @pytest.mark.parametrize("method", ["auto", "bcd", "sum", "newton"])
-@pytest.mark.parametrize("init", ["shortest_path", "chordal", "random"])
+@pytest.mark.parametrize("init", ["shortest_path", "chordal", "quaternion", "random"])
 def test_same_input_same_bits_for_any_number_of_threads(method: str, init: str) -> None:
     graph = rotavg.simulate("complete", 200, noise=0.3, seed=9).graph  # 19900 edges
     first = rotavg.solve(graph, method=method, init=init, num_threads=1)  # type: ignore[arg-type]

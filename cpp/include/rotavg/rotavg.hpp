@@ -10,6 +10,7 @@
 #include <rotavg/graph/laplacian.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/init/chordal.hpp>
+#include <rotavg/init/quaternion.hpp>
 #include <rotavg/init/random.hpp>
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/problem/check_rotations.hpp>

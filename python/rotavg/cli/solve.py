@@ -22,7 +22,12 @@ from rotavg.io import check_writable
 @click.argument("input_path", metavar="INPUT", type=options.PATH)
 @click.option("-o", "--output", type=options.PATH, help="Write a .g2o, .txt, .csv or .npz file.")
 @choice("--method", ["auto", "bcd", "sum", "newton"], "auto", "Solver.")
-@choice("--init", ["auto", "shortest_path", "chordal", "random"], "auto", "Initial value.")
+@choice(
+    "--init",
+    ["auto", "shortest_path", "chordal", "quaternion", "random"],
+    "auto",
+    "Initial value.",
+)
 @click.option("--seed", type=click.IntRange(0), default=0, help="Seed of --init random.")
 @number("--tolerance", click.FloatRange(0), 1e-9, "Stop when the gradient (or step) is below this.")
 @choice("--stop", ["gradient", "step"], "gradient", "What to stop on; 'step' is the paper's rule.")

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <utility>
@@ -11,6 +12,7 @@
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/init/chordal.hpp>
+#include <rotavg/init/quaternion.hpp>
 #include <rotavg/init/random.hpp>
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/problem/check_rotations.hpp>
@@ -24,11 +26,13 @@
 
 namespace rotavg {
 
+/// Where a linear system would cost too much, or more than the time left, the shortest paths are
+/// used instead.
 enum class Initialization {
   automatic,
   shortest_path,  ///< Lemma 3
-  /// Free matrices, then the nearest rotations; the shortest paths where it cannot be computed.
-  chordal,
+  chordal,        ///< free matrices, then the nearest rotations
+  quaternion,     ///< free quaternions, then unit ones
   random,
 };
 
@@ -59,6 +63,34 @@ struct Solution : IterationResult {
 
 namespace detail {
 
+/// Whether there is time left and nobody wants the work to stop.
+inline std::function<bool()> keep_going(const SolveOptions& options, const Stopwatch& watch) {
+  return [&] {
+    return watch.seconds() < options.iteration.time_limit &&
+           (!options.iteration.keep_going || options.iteration.keep_going());
+  };
+}
+
+/// @returns none where it would cost more than options.certificate.max_factorization_flops, or the
+///          time is up
+inline std::optional<Rotations> initial_value(const MeasurementGraph& graph,
+                                              std::vector<Elimination>& eliminations, Initialization init,
+                                              const SolveOptions& options, const Stopwatch& watch) {
+  const double max_flops = options.certificate.max_factorization_flops;
+  switch (init) {
+    case Initialization::chordal:
+      return chordal_init(graph, eliminations, max_flops, keep_going(options, watch));
+    case Initialization::quaternion:
+      return quaternion_init(graph, eliminations, max_flops, keep_going(options, watch));
+    case Initialization::random:
+      return random_init(graph, options.seed);
+    case Initialization::automatic:
+    case Initialization::shortest_path:
+      break;
+  }
+  return shortest_path_init(graph);
+}
+
 /// Rotations of one initial value: solved, gauge fixed, certified.
 inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
                      const Stopwatch& watch, std::vector<Elimination>& eliminations,
@@ -87,10 +119,7 @@ inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
   if (!options.certify || interrupted) return;
   CertificateOptions certificate = options.certificate;
   certificate.num_threads = options.iteration.num_threads;
-  certificate.keep_going = [&] {
-    return watch.seconds() < options.iteration.time_limit &&
-           (!options.iteration.keep_going || options.iteration.keep_going());
-  };
+  certificate.keep_going = keep_going(options, watch);
   solution.certificate =
       rotavg::certify(graph, solution.rotations, solution.components, eliminations, certificate);
   solution.timings.certify += watch.seconds() - solved;
@@ -119,28 +148,23 @@ inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options
       options.init == Initialization::automatic ? Initialization::shortest_path : options.init;
   const Components components = solution.components;  // solutions are moved about
   std::vector<Elimination> eliminations = grounded_eliminations(graph, components);
-  const auto chordal = [&] {
-    return chordal_init(graph, eliminations, options.certificate.max_factorization_flops,
-                        options.iteration.keep_going);
-  };
-  Rotations R;
   if (start) {
-    R = checked_rotations(graph, std::move(*start));
-  } else if (solution.init == Initialization::random) {
-    R = random_init(graph, options.seed);
+    start = checked_rotations(graph, std::move(*start));
   } else {
-    std::optional<Rotations> from_chordal;
-    if (solution.init == Initialization::chordal) from_chordal = chordal();
-    if (!from_chordal) solution.init = Initialization::shortest_path;
-    R = from_chordal ? std::move(*from_chordal) : shortest_path_init(graph);
+    start = detail::initial_value(graph, eliminations, solution.init, options, watch);
+    if (!start) {
+      solution.init = Initialization::shortest_path;
+      start = shortest_path_init(graph);
+    }
   }
   solution.timings.init = watch.seconds();
-  detail::run_from(graph, options, watch, eliminations, R, solution);
+  detail::run_from(graph, options, watch, eliminations, *start, solution);
 
   if (free_choice && options.certify && is_converged(solution.status) &&
       solution.certificate.verdict == Verdict::not_certified) {
     const double before = watch.seconds();
-    if (std::optional<Rotations> second_start = chordal()) {
+    if (std::optional<Rotations> second_start = detail::initial_value(
+            graph, solution.components, Initialization::chordal, options, watch)) {
       Solution second = solution;
       second.init = Initialization::chordal;
       second.timings.init += watch.seconds() - before;
