@@ -40,6 +40,7 @@ struct Names<rotavg::Initialization> {
   static constexpr std::pair<rotavg::Initialization, const char*> list[] = {
       {rotavg::Initialization::automatic, "auto"},
       {rotavg::Initialization::shortest_path, "shortest_path"},
+      {rotavg::Initialization::spanning_tree, "spanning_tree"},
       {rotavg::Initialization::chordal, "chordal"},
       {rotavg::Initialization::quaternion, "quaternion"},
       {rotavg::Initialization::random, "random"}};

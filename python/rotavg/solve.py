@@ -17,7 +17,7 @@ from rotavg.graph import MeasurementGraph
 from rotavg.solution import Certificate, Solution, Status, Timings, Trace, Verdict
 
 Method = Literal["auto", "bcd", "sum", "newton"]
-Init = Literal["auto", "shortest_path", "chordal", "quaternion", "random"]
+Init = Literal["auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random"]
 Stop = Literal["gradient", "step"]
 Mu = Literal["adaptive", "min_eigenvalue"]
 Progress = _core.Progress
@@ -49,11 +49,13 @@ def solve(
         method: "bcd" (block coordinate descent, Algorithm 2 of Dong, Xie and Shi 2021), "sum"
             (successive upper-bound minimisation, Algorithm 3, parallel), "newton" (Newton's method
             in the metric of the graph Laplacian), or "auto", which watches and chooses.
-        init: the initial value: "shortest_path" (Lemma 3), "chordal" (the linear relaxation of
-            Martinec and Pajdla 2007), "quaternion" (that of Govindu 2001: nearer the optimum where
-            the noise is small, worse where there are outliers), "random", rotations (n, 3, 3)
-            world_from_node to start from, or "auto": the shortest paths and, if "auto" chooses the
-            method as well and the answer is refuted, a second run from the chordal value.
+        init: the initial value: "shortest_path" (Lemma 3), "spanning_tree" (along the edges that
+            agree best with the triangles around them, after Enqvist, Kahl and Olsson 2011: the one
+            for outliers), "chordal" (the linear relaxation of Martinec and Pajdla 2007),
+            "quaternion" (that of Govindu 2001: nearer the optimum where the noise is small, worse
+            where there are outliers), "random", rotations (n, 3, 3) world_from_node to start from,
+            or "auto": the shortest paths and, if "auto" chooses the method as well and the answer
+            is refuted, a second run from the chordal value.
         certify: whether to bound the distance from the global optimum.
         tolerance: when to stop, see `stop`.
         stop: "gradient" stops when the relative gradient (radians) is below the tolerance;

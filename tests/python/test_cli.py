@@ -7,11 +7,15 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
+import click
 import numpy as np
 import pytest
 
 import rotavg
+from rotavg.cli.solve import solve as solve_command
+from rotavg.solve import Init, Method, Mu, Stop
 
 
 def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -111,6 +115,16 @@ def test_bad_input_is_exit_status_2_with_one_clear_message(
     assert "Traceback" not in done.stderr
     assert done.stdout == ""
     assert sorted(folder.iterdir()) == before
+
+
+def test_the_command_offers_every_choice_of_the_library() -> None:
+    offered = {
+        p.name: tuple(p.type.choices)
+        for p in solve_command.params
+        if isinstance(p.type, click.Choice)
+    }
+    choices = {"method": Method, "init": Init, "stop": Stop, "mu": Mu}
+    assert offered == {name: get_args(words) for name, words in choices.items()}
 
 
 def test_info_tells_how_hard_a_graph_is(graph_file: Path) -> None:

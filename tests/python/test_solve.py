@@ -22,7 +22,7 @@ def test_noiseless_graphs_are_solved_by_the_shortest_path_start() -> None:
         assert solution.certificate.verdict == "proved", kind
 
 
-@pytest.mark.parametrize("init", ["shortest_path", "chordal", "quaternion"])
+@pytest.mark.parametrize("init", ["shortest_path", "spanning_tree", "chordal", "quaternion"])
 def test_an_initial_value_is_exact_without_noise_and_leads_to_the_optimum_with(init: str) -> None:
     for kind in ("complete", "cycle", "grid", "sphere", "band"):
         exact = rotavg.solve(rotavg.simulate(kind, 60, seed=3).graph, init=init, max_iterations=0)  # type: ignore[arg-type]
@@ -33,6 +33,17 @@ def test_an_initial_value_is_exact_without_noise_and_leads_to_the_optimum_with(i
         assert solution.init == init
         assert solution.certificate is not None
         assert solution.certificate.verdict == "proved", kind
+
+
+def test_the_spanning_tree_keeps_outliers_out() -> None:
+    s = rotavg.simulate("erdos_renyi", 200, density=0.2, noise=0.03, outliers=0.3, seed=7)
+    worst = {}
+    for init in ("shortest_path", "spanning_tree"):
+        R = rotavg.solve(s.graph, init=init, max_iterations=0, certify=False).rotations  # type: ignore[arg-type]
+        error = np.swapaxes(s.ground_truth[:1], 1, 2) @ s.ground_truth - R
+        worst[init] = np.linalg.norm(error, axis=(1, 2)).max()
+    assert worst["spanning_tree"] < 0.5
+    assert worst["shortest_path"] > 2
 
 
 @pytest.mark.parametrize(("phi", "p"), PAPER_SETTINGS)
@@ -180,7 +191,9 @@ def test_parallel_edges_add_up() -> None:
 
 
 @pytest.mark.parametrize("method", ["auto", "bcd", "sum", "newton"])
-@pytest.mark.parametrize("init", ["shortest_path", "chordal", "quaternion", "random"])
+@pytest.mark.parametrize(
+    "init", ["shortest_path", "spanning_tree", "chordal", "quaternion", "random"]
+)
 def test_same_input_same_bits_for_any_number_of_threads(method: str, init: str) -> None:
     graph = rotavg.simulate("complete", 200, noise=0.3, seed=9).graph  # 19900 edges
     first = rotavg.solve(graph, method=method, init=init, num_threads=1)  # type: ignore[arg-type]

@@ -10,9 +10,11 @@
 #include <rotavg/graph/laplacian.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/init/chordal.hpp>
+#include <rotavg/init/edge_support.hpp>
 #include <rotavg/init/quaternion.hpp>
 #include <rotavg/init/random.hpp>
 #include <rotavg/init/shortest_path.hpp>
+#include <rotavg/init/spanning_tree.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/connection.hpp>
 #include <rotavg/problem/gauge.hpp>

@@ -24,7 +24,7 @@ from rotavg.io import check_writable
 @choice("--method", ["auto", "bcd", "sum", "newton"], "auto", "Solver.")
 @choice(
     "--init",
-    ["auto", "shortest_path", "chordal", "quaternion", "random"],
+    ["auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random"],
     "auto",
     "Initial value.",
 )

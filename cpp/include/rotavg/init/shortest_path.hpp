@@ -8,6 +8,13 @@
 
 namespace rotavg {
 
+/// R_j at one end of an edge from R_i at the other: R_i R_ij, or R_i R_ji^T.
+inline Matrix3 along_edge(const Edge& e, const Matrix3& R_i, Index j) {
+  const Matrix3 i_from_j = e.j == j ? e.i_from_j : Matrix3(e.i_from_j.transpose());
+  // Through a quaternion of length one, so that rounding does not pile up along long paths.
+  return Eigen::Quaterniond(R_i * i_from_j).normalized().matrix();
+}
+
 /// The shortest-path initial value (Lemma 3): R = I at the first node of every component, and
 /// R_i = R_12 R_23 … R_mi along a shortest path from there. Optimal where there is no noise.
 inline Rotations shortest_path_init(const MeasurementGraph& graph) {
@@ -15,10 +22,7 @@ inline Rotations shortest_path_init(const MeasurementGraph& graph) {
   Rotations R(static_cast<std::size_t>(graph.num_nodes()), Matrix3::Identity());
   for (const Index j : forest.order) {
     if (forest.parent[j] < 0) continue;
-    const Edge& e = graph.edges()[forest.tree_edge[j]];
-    const Matrix3 parent_from_j = e.j == j ? e.i_from_j : Matrix3(e.i_from_j.transpose());
-    // Through a quaternion of length one, so that rounding does not pile up along long paths.
-    R[j] = Eigen::Quaterniond(R[forest.parent[j]] * parent_from_j).normalized().matrix();
+    R[j] = along_edge(graph.edges()[forest.tree_edge[j]], R[forest.parent[j]], j);
   }
   return R;
 }

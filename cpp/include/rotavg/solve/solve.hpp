@@ -15,6 +15,7 @@
 #include <rotavg/init/quaternion.hpp>
 #include <rotavg/init/random.hpp>
 #include <rotavg/init/shortest_path.hpp>
+#include <rotavg/init/spanning_tree.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/gauge.hpp>
 #include <rotavg/solve/automatic.hpp>
@@ -31,6 +32,7 @@ namespace rotavg {
 enum class Initialization {
   automatic,
   shortest_path,  ///< Lemma 3
+  spanning_tree,  ///< along the edges that the graph supports best
   chordal,        ///< free matrices, then the nearest rotations
   quaternion,     ///< free quaternions, then unit ones
   random,
@@ -78,6 +80,8 @@ inline std::optional<Rotations> initial_value(const MeasurementGraph& graph,
                                               const SolveOptions& options, const Stopwatch& watch) {
   const double max_flops = options.certificate.max_factorization_flops;
   switch (init) {
+    case Initialization::spanning_tree:
+      return spanning_tree_init(graph);
     case Initialization::chordal:
       return chordal_init(graph, eliminations, max_flops, keep_going(options, watch));
     case Initialization::quaternion:

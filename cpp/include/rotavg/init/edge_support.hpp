@@ -1,0 +1,123 @@
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Geometry>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// The other ways to get from one end of an edge to the other: by two more edges, which make a
+/// triangle with it, or by one parallel to it.
+class Detours {
+ public:
+  explicit Detours(const MeasurementGraph& graph) {
+    edges_.reserve(graph.edges().size());
+    for (const Edge& e : graph.edges()) {
+      edges_.push_back({Eigen::Quaterniond(e.i_from_j), e.weight, e.i, e.j});
+    }
+    neighbours_.resize(static_cast<std::size_t>(graph.num_nodes()));
+    for (Index l = 0; l < graph.num_nodes(); ++l) {
+      for (const HalfEdge& h : graph.row(l)) neighbours_[l].emplace_back(h.node, h.edge);
+      std::sort(neighbours_[l].begin(), neighbours_[l].end());
+    }
+    constexpr Index enough_together = 4'000'000, least = 8, most = 64;
+    probes_ = std::clamp(enough_together / std::max<Index>(graph.num_edges(), 1), least, most);
+  }
+
+  /// Calls visit(distance2, weight) for the detours of an edge, with the squared distance between
+  /// the unit quaternions of the detour and of the edge (about a quarter of the angle's square),
+  /// and the detour's weight, 1 / (1 / w + 1 / w') for two edges as variances add up. Where an end
+  /// has many neighbours, only some of them, evenly spaced, are tried.
+  /// @returns of how many neighbours one was tried
+  template <typename Visit>
+  Index visit(Index edge, Visit&& visit) const {
+    const UnitEdge& e = edges_[edge];
+    const bool from_i = neighbours_[e.i].size() <= neighbours_[e.j].size();
+    const Index a = from_i ? e.i : e.j, b = from_i ? e.j : e.i;
+    const auto& starts = neighbours_[a];
+    const auto& ends = neighbours_[b];
+    const auto size = static_cast<Index>(starts.size());
+    const Index stride = (size + probes_ - 1) / probes_;
+    const Eigen::Quaterniond a_from_b = e.from(a);
+    for (Index k = edge % stride; k < size; k += stride) {
+      const auto [node, first] = starts[k];
+      if (first == edge) continue;
+      const UnitEdge& there = edges_[first];
+      if (node == b) {
+        visit(distance2(there.from(a), a_from_b), there.weight);
+        continue;
+      }
+      const auto found = std::lower_bound(ends.begin(), ends.end(), std::make_pair(node, Index{0}));
+      if (found == ends.end() || found->first != node) continue;
+      const UnitEdge& back = edges_[found->second];
+      visit(distance2(there.from(a) * back.from(node), a_from_b),
+            there.weight / (1.0 + there.weight / back.weight));
+    }
+    return stride;
+  }
+
+ private:
+  struct UnitEdge {
+    Eigen::Quaterniond i_from_j;
+    double weight;
+    Index i, j;
+    /// a_from_other, for a one of the ends.
+    Eigen::Quaterniond from(Index a) const { return a == i ? i_from_j : i_from_j.conjugate(); }
+  };
+
+  /// q and -q are the same rotation.
+  static double distance2(const Eigen::Quaterniond& p, const Eigen::Quaterniond& q) {
+    return std::min((p.coeffs() - q.coeffs()).squaredNorm(),
+                    (p.coeffs() + q.coeffs()).squaredNorm());
+  }
+
+  std::vector<UnitEdge> edges_;
+  std::vector<std::vector<std::pair<Index, Index>>> neighbours_;  // (node, edge), rising
+  Index probes_ = 0;                                              // at most, for an edge
+};
+
+/// How much the graph says for each measurement: its own weight, and the weights of its detours,
+/// each by how well it agrees,
+///
+///     w_ij + sum over the detours from i to j of w (1 + d^2 / s^2)^-2,
+///
+/// with d the distance of Detours and the weight function of Geman and McClure (1985), which all
+/// but ignores a detour that does not agree. The scale s is the distance that one detour in ten
+/// stays below: it follows the noise, whatever its size, even where half of the edges are outliers,
+/// since one triangle in eight is then free of them.
+inline std::vector<double> edge_support(const MeasurementGraph& graph) {
+  constexpr Index edges_for_scale = 20'000;
+  constexpr double rounding2 = 1e-24;  // below it, detours agree exactly
+  const Detours detours(graph);
+  std::vector<double> distances2;
+  const Index stride = std::max<Index>(1, graph.num_edges() / edges_for_scale);
+  for (Index edge = 0; edge < graph.num_edges(); edge += stride) {
+    detours.visit(edge, [&](double distance2, double) { distances2.push_back(distance2); });
+  }
+  double scale2 = rounding2;
+  if (!distances2.empty()) {
+    const auto tenth = distances2.begin() + static_cast<std::ptrdiff_t>(distances2.size() / 10);
+    std::nth_element(distances2.begin(), tenth, distances2.end());
+    scale2 += *tenth;
+  }
+
+  std::vector<double> support;
+  support.reserve(graph.edges().size());
+  for (Index edge = 0; edge < graph.num_edges(); ++edge) {
+    double sum = 0.0;
+    const Index one_of = detours.visit(edge, [&](double distance2, double weight) {
+      const double share = scale2 / (scale2 + distance2);
+      sum += weight * share * share;
+    });
+    support.push_back(graph.edges()[edge].weight + one_of * sum);
+  }
+  return support;
+}
+
+}  // namespace rotavg
