@@ -310,8 +310,8 @@ def test_auto_takes_newton_on_trajectories_and_sweeps_on_dense_graphs() -> None:
     assert sparse.iterations < 25
     assert sparse.reason in str(sparse)
     dense = rotavg.solve(rotavg.simulate("complete", 100, noise=0.2, seed=1).graph)
-    assert dense.reason.startswith("bcd: average degree 99")
-    assert dense.method == "bcd"
+    assert dense.reason.startswith("sum: average degree 99")
+    assert dense.method == "sum"
     assert dense.iterations < 20
 
 

@@ -26,6 +26,7 @@
 #include <rotavg/so3/loso.hpp>
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/so3/random.hpp>
+#include <rotavg/solve/accelerated.hpp>
 #include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/bcd.hpp>
 #include <rotavg/solve/newton.hpp>

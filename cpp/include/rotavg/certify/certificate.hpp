@@ -99,7 +99,7 @@ inline ComponentBound bound_component(const CertificateMatrix& S, Elimination& e
   // S is at least theta on the complement of its null vectors N = R^T / sqrt(n), if LOBPCG met the
   // smallest eigenvalue there, and |S N| <= epsilon couples the two: lambda_min(S) is at least the
   // smallest eigenvalue of [0, epsilon; epsilon, theta].
-  const Eigenpair pair = min_eigenvalue_on_complement(S, options.keep_going, 0.02, 1000);
+  const Eigenpair pair = min_eigenvalue_on_complement(S, options.keep_going, 0.1, 1000);
   const double theta = pair.value - pair.residual;
   const double epsilon = S.leftover().norm() / std::sqrt(static_cast<double>(S.num_nodes()));
   const double below_zero = 0.5 * (std::hypot(theta, 2.0 * epsilon) - theta);

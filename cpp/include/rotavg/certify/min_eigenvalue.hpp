@@ -63,10 +63,10 @@ inline Eigenpair min_eigenvalue_on_complement(const CertificateMatrix& S,
   LobpcgOptions options;
   options.tolerance = 0.0;
   options.relative_tolerance = relative_tolerance;
-  options.min_iterations = 10;
+  options.min_iterations = 20;
   options.max_iterations = max_iterations;
   options.keep_going = keep_going;
-  const Eigen::Index block = std::min<Eigen::Index>(4, S.size() - 3);
+  const Eigen::Index block = std::min<Eigen::Index>(2, S.size() - 3);
   return smallest_eigenpair([&](const Eigen::MatrixXd& X) { return S.apply(X); },
                             [&](const Eigen::MatrixXd& X) { return S.divide_by_degree(X); },
                             random_start(S.size(), block), S.null_vectors(), options);

@@ -23,7 +23,7 @@ class Detours {
     }
     neighbours_.resize(static_cast<std::size_t>(graph.num_nodes()));
     for (Index l = 0; l < graph.num_nodes(); ++l) {
-      for (const HalfEdge& h : graph.row(l)) neighbours_[l].emplace_back(h.node, h.edge);
+      for (const HalfEdge& h : graph.row(l)) neighbours_[l].emplace_back(h.node, h.edge());
       std::sort(neighbours_[l].begin(), neighbours_[l].end());
     }
     constexpr Index enough_together = 4'000'000, least = 8, most = 64;

@@ -31,7 +31,7 @@ inline Rotations spanning_tree_init(const MeasurementGraph& graph) {
     depth[root] = 0;
     for (Index newest = root; newest >= 0;) {
       for (const HalfEdge& h : graph.row(newest)) {
-        if (depth[h.node] < 0) leaving.emplace(support[h.edge], -depth[newest], -h.edge);
+        if (depth[h.node] < 0) leaving.emplace(support[h.edge()], -depth[newest], -h.edge());
       }
       newest = -1;
       while (newest < 0 && !leaving.empty()) {

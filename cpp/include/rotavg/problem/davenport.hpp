@@ -56,32 +56,42 @@ inline Matrix4 davenport_matrix(const MeasurementGraph& graph, const Quaternions
 }
 
 /// K_l of all nodes, with the objective and the gradient, in one pass over the measurements.
-struct DavenportMatrices {
-  std::vector<Matrix4> K;
-  double objective = 0.0;
-  double objective_rounding = 0.0;  ///< how much rounding can have moved it
-  GradientNorm gradient;
+class DavenportMatrices {
+ public:
+  /// @param graph must outlive this object
+  /// @param q world_from_i, one unit quaternion per node
+  DavenportMatrices(const MeasurementGraph& graph, const Quaternions& q, int num_threads)
+      : graph_(&graph), num_threads_(num_threads), K_(q.size(), Matrix4::Zero()) {
+    update(q);
+  }
 
-  void update(const MeasurementGraph& graph, const Quaternions& q, int num_threads) {
-    K.resize(q.size());
-    const auto sums = block_sum<Sums>(graph.num_nodes(), num_threads, [&](Index l) {
+  /// Moves to other rotations.
+  void update(const Quaternions& q) {
+    const MeasurementGraph& graph = *graph_;
+    const auto sums = block_sum<Sums>(graph.num_nodes(), num_threads_, [&](Index l) {
       if (graph.row(l).size() == 0) return Sums{};
-      K[l] = davenport_matrix(graph, q, l);
-      const Vector4 Kq = K[l] * q[l].coeffs();
+      K_[l] = davenport_matrix(graph, q, l);
+      const Vector4 Kq = K_[l] * q[l].coeffs();
       // 8 (K q) q^-1: the vector part is minus the gradient
       const double norm = 8.0 * product(Quaternion(Kq), q[l].conjugate()).head<3>().norm();
       return Sums{4.0 * (graph.degree(l) - q[l].coeffs().dot(Kq)),  // each edge counts at both ends
                   {norm * norm, norm / graph.degree(l)}};
     });
-    gradient = {std::sqrt(sums.gradient.squares), sums.gradient.largest};
-    objective = sums.objective;
-    objective_rounding =
+    gradient_ = {std::sqrt(sums.gradient.squares), sums.gradient.largest};
+    objective_ = sums.objective;
+    objective_rounding_ =
         1e-14 * std::sqrt(2.0 * graph.num_edges() / graph.num_nodes()) * graph.total_weight();
-    if (objective < 1e5 * objective_rounding) {  // too few digits are left of the difference
-      objective = rotavg::objective(graph, q, num_threads);
-      objective_rounding = rotavg::objective_rounding(graph, objective);
+    if (objective_ < 1e5 * objective_rounding_) {  // too few digits are left of the difference
+      objective_ = rotavg::objective(graph, q, num_threads_);
+      objective_rounding_ = rotavg::objective_rounding(graph, objective_);
     }
   }
+
+  const Matrix4& operator[](Index l) const { return K_[l]; }
+  double objective() const { return objective_; }
+  /// How much rounding can have moved the objective.
+  double objective_rounding() const { return objective_rounding_; }
+  const GradientNorm& gradient_norm() const { return gradient_; }
 
  private:
   struct Sums {
@@ -93,6 +103,12 @@ struct DavenportMatrices {
       return *this;
     }
   };
+
+  const MeasurementGraph* graph_;
+  int num_threads_;
+  std::vector<Matrix4> K_;
+  double objective_ = 0.0, objective_rounding_ = 0.0;
+  GradientNorm gradient_;
 };
 
 }  // namespace rotavg

@@ -9,6 +9,7 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/gradient.hpp>
+#include <rotavg/problem/objective.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
@@ -43,28 +44,30 @@ class ResidualQuaternions {
   /// @param graph must outlive this object
   /// @param q world_from_i, one unit quaternion per node
   ResidualQuaternions(const MeasurementGraph& graph, const Quaternions& q, int num_threads)
-      : graph_(graph), num_threads_(num_threads), e_(graph.edges().size()) {
+      : graph_(&graph), num_threads_(num_threads), e_(graph.edges().size()) {
     update(q);
   }
 
   /// Moves to other rotations.
   void update(const Quaternions& q) {
-    objective_ = block_sum<double>(graph_.num_edges(), num_threads_, [&](Index k) {
-      e_[k] = residual_quaternion(graph_.quaternion_edges()[k], q);
+    objective_ = block_sum<double>(graph_->num_edges(), num_threads_, [&](Index k) {
+      e_[k] = residual_quaternion(graph_->quaternion_edges()[k], q);
       return 8.0 * e_[k].head<3>().squaredNorm();
     });
   }
 
-  const MeasurementGraph& graph() const { return graph_; }
+  const MeasurementGraph& graph() const { return *graph_; }
   int num_threads() const { return num_threads_; }
   /// (m,) x, y, z, w of every edge.
   const std::vector<Vector4>& operator()() const { return e_; }
   double objective() const { return objective_; }
+  /// How much rounding can have moved the objective.
+  double objective_rounding() const { return rotavg::objective_rounding(*graph_, objective_); }
 
   /// The gradient of f at node l in the global frame, R_l <- exp(w) R_l.
   Vector3 gradient(Index l) const {
     Vector3 sum = Vector3::Zero();
-    for (const HalfEdge& h : graph_.row(l)) {
+    for (const HalfEdge& h : graph_->row(l)) {
       const Vector4& e = e_[h.edge()];
       sum += (h.is_i() ? e.w() : -e.w()) * e.head<3>();
     }
@@ -72,16 +75,16 @@ class ResidualQuaternions {
   }
 
   GradientNorm gradient_norm() const {
-    const auto sums = block_sum<GradientSums>(graph_.num_nodes(), num_threads_, [&](Index l) {
-      if (graph_.row(l).size() == 0) return GradientSums{};
+    const auto sums = block_sum<GradientSums>(graph_->num_nodes(), num_threads_, [&](Index l) {
+      if (graph_->row(l).size() == 0) return GradientSums{};
       const double square = gradient(l).squaredNorm();
-      return GradientSums{square, std::sqrt(square) / graph_.degree(l)};
+      return GradientSums{square, std::sqrt(square) / graph_->degree(l)};
     });
     return {std::sqrt(sums.squares), sums.largest};
   }
 
  private:
-  const MeasurementGraph& graph_;
+  const MeasurementGraph* graph_;
   int num_threads_;
   std::vector<Vector4> e_;
   double objective_ = 0.0;

@@ -10,6 +10,7 @@
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/problem/laplacian_metric.hpp>
+#include <rotavg/solve/accelerated.hpp>
 #include <rotavg/solve/bcd.hpp>
 #include <rotavg/solve/newton.hpp>
 #include <rotavg/solve/options.hpp>
@@ -58,7 +59,7 @@ inline IterationOptions remaining(const IterationOptions& options, const Iterati
 /// - On sparse graphs the Laplacian factors at little cost, and Newton's method goes on after
 /// three.
 /// - On others the sweeps are watched; if at their rate many more would be needed, Newton's method
-///   takes over, unless the Laplacian is too large to factor. On dense graphs, where all nodes at
+///   takes over; where the Laplacian is too large to factor, accelerated sweeps. On dense graphs, where all nodes at
 ///   once converge as quickly as one after the other, the sweeps are those of SUM, which reads the
 ///   measurements once for the step, the objective and the gradient, and uses all threads.
 ///
@@ -116,8 +117,8 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     append(result, newton(graph, start, metric, rest));
   } else {
     method = Method::bcd;
-    line("bcd: the Laplacian is too large to factor (", flops, " operations)");
-    append(result, bcd(graph, start, rest));
+    line("bcd, accelerated: the Laplacian is too large to factor (", flops, " operations)");
+    append(result, accelerated_bcd(graph, start, rest));
   }
   return result;
 }

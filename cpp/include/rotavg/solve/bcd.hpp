@@ -13,6 +13,29 @@
 
 namespace rotavg {
 
+enum class SweepOrder { rising, falling };
+
+/// One sweep of block coordinate descent over all nodes, in place, each with the newest values of
+/// the others. Ends early where the monitor does not let it go on.
+///
+/// @returns the paper's measure of the step, sum_l |R_l - R_l'| / |R_l|
+inline double bcd_sweep(const MeasurementGraph& graph, Quaternions& q, const Monitor& monitor,
+                        SweepOrder order = SweepOrder::rising) {
+  constexpr Index nodes_between_questions = 4096;  // a sweep of a large graph takes a second
+  const Index n = graph.num_nodes();
+  double step = 0.0;
+  for (Index k = 0; k < n; ++k) {
+    const Index l = order == SweepOrder::rising ? k : n - 1 - k;
+    if (graph.row(l).size() == 0) continue;             // any rotation is optimal
+    const Matrix4 K_l = davenport_matrix(graph, q, l);  // (10)
+    const Quaternion q_l = loso(K_l, q[l]);             // (11), Algorithm 1
+    step += chordal_distance(q_l, q[l]) / std::sqrt(3.0);
+    q[l] = q_l;
+    if (k % nodes_between_questions == 0 && !monitor.keep_going()) break;
+  }
+  return step;
+}
+
 /// Block coordinate descent (Algorithm 2). With all other rotations fixed, the objective (8) is
 /// linear in R_l, -tr(R Rt R^T) = 2 tr(A_l R_l) + const (10), (11), and LOSO minimises it. One
 /// iteration is a sweep over all nodes. The objective falls with every block, and every limit point
@@ -28,18 +51,9 @@ inline IterationResult bcd(const MeasurementGraph& graph, const Rotations& R,
   Monitor monitor(graph, R, options);
   Quaternions q = to_quaternions(R);
   ResidualQuaternions residuals(graph, q, monitor.num_threads());
-  constexpr Index nodes_between_questions = 4096;  // a sweep of a large graph takes a second
   double step = 0.0;
   while (!monitor.should_stop(residuals.objective(), residuals.gradient_norm(), step)) {
-    step = 0.0;
-    for (Index l = 0; l < graph.num_nodes(); ++l) {
-      if (graph.row(l).size() == 0) continue;             // any rotation is optimal
-      const Matrix4 K_l = davenport_matrix(graph, q, l);  // (10)
-      const Quaternion q_l = loso(K_l, q[l]);             // (11), Algorithm 1
-      step += chordal_distance(q_l, q[l]) / std::sqrt(3.0);
-      q[l] = q_l;
-      if (l % nodes_between_questions == 0 && !monitor.keep_going()) break;
-    }
+    step = bcd_sweep(graph, q, monitor);
     residuals.update(q);
   }
   return std::move(monitor).result(to_rotations(q));

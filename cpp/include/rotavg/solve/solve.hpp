@@ -18,6 +18,7 @@
 #include <rotavg/init/spanning_tree.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/gauge.hpp>
+#include <rotavg/solve/accelerated.hpp>
 #include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/bcd.hpp>
 #include <rotavg/solve/newton.hpp>
@@ -43,6 +44,7 @@ struct SolveOptions {
   Initialization init = Initialization::automatic;
   std::uint64_t seed = 0;  ///< of the random initial value
   MuRule mu = MuRule::adaptive;
+  bool accelerate = false;  ///< Anderson's mixing, of BCD and SUM; the others have no use for it
   bool certify = true;
   CertificateOptions certificate;  ///< its threads and keep_going are set from `iteration`
   IterationOptions iteration;      ///< its time limit counts for everything together
@@ -105,9 +107,11 @@ inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
   static_cast<IterationResult&>(solution) = [&] {
     switch (options.method) {
       case Method::bcd:
-        return bcd(graph, R, iteration);
+        return options.accelerate ? accelerated_bcd(graph, R, iteration)
+                                  : bcd(graph, R, iteration);
       case Method::sum:
-        return sum(graph, R, iteration, options.mu);
+        return options.accelerate ? accelerated_sum(graph, R, iteration, options.mu)
+                                  : sum(graph, R, iteration, options.mu);
       case Method::newton:
         return newton(graph, R, iteration);
       case Method::automatic:
@@ -168,7 +172,7 @@ inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options
       solution.certificate.verdict == Verdict::not_certified) {
     const double before = watch.seconds();
     if (std::optional<Rotations> second_start = detail::initial_value(
-            graph, solution.components, Initialization::chordal, options, watch)) {
+            graph, eliminations, Initialization::chordal, options, watch)) {
       Solution second = solution;
       second.init = Initialization::chordal;
       second.timings.init += watch.seconds() - before;

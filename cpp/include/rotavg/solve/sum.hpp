@@ -38,6 +38,54 @@ struct StepSums {
 
 }  // namespace detail
 
+/// One step of successive upper-bound minimisation, and the mu that it has arrived at.
+class SumStep {
+ public:
+  /// Computes lambda_min(Rt) where the rule needs it.
+  /// @param graph must outlive this object
+  SumStep(const MeasurementGraph& graph, MuRule mu_rule, const Monitor& monitor)
+      : graph_(graph),
+        adaptive_(mu_rule == MuRule::adaptive),
+        num_threads_(monitor.num_threads()) {
+    if (adaptive_) return;
+    const auto keep_going = [&monitor] { return monitor.keep_going(); };
+    mu_ = -std::min(0.0, min_eigenvalue_of_measurements(graph, num_threads_, keep_going));
+  }
+
+  /// Steps from q to `next`.
+  /// @param at, after what is known at q, and, on return, at `next`; there the objective is not
+  ///        higher but for rounding
+  /// @returns the paper's measure of the step, |R - R'| / |R|
+  double operator()(const Quaternions& q, const DavenportMatrices& at, Quaternions& next,
+                    DavenportMatrices& after) {
+    for (;;) {
+      const auto sums =
+          block_sum<detail::StepSums>(graph_.num_nodes(), num_threads_, [&](Index i) {
+            if (graph_.row(i).size() == 0) return detail::StepSums{};
+            const Vector4 q_i = q[i].coeffs();
+            const double mu_i = mu_ + theta_ * graph_.degree(i);
+            const Matrix4 K_i = at[i] + mu_i * q_i * q_i.transpose();  // (23)
+            next[i] = loso(K_i, q[i]);                                 // (24)
+            return detail::StepSums{detail::gain(K_i, q_i, next[i].coeffs()),
+                                    std::pow(chordal_distance(q[i], next[i]), 2)};
+          });
+      after.update(next);
+      const double rounding = at.objective_rounding() + after.objective_rounding();
+      const bool falls = after.objective() <= at.objective() - 0.25 * sums.promise + rounding;
+      if (falls || !adaptive_ || theta_ >= 1.0) {
+        return std::sqrt(sums.change / (3.0 * graph_.num_nodes()));
+      }
+      theta_ = std::max(0.125, 2.0 * theta_);
+    }
+  }
+
+ private:
+  const MeasurementGraph& graph_;
+  bool adaptive_;
+  int num_threads_;
+  double theta_ = 0.0, mu_ = 0.0;
+};
+
 /// Successive upper-bound minimisation (Algorithm 3). Where B = mu I + Rt >= 0, the objective (20)
 /// is bounded above by a function that is linear in R and touches it at the current value (Lemma 2,
 /// (21)); its minimum over all blocks at once, [A_1 … A_n] = -R B (22), (23), is n independent
@@ -54,37 +102,14 @@ inline IterationResult sum(const MeasurementGraph& graph, const Rotations& R,
                            const IterationOptions& options = {},
                            MuRule mu_rule = MuRule::adaptive) {
   Monitor monitor(graph, R, options);
-  const int num_threads = monitor.num_threads();
-  double theta = 0.0, mu = 0.0;
-  if (mu_rule == MuRule::min_eigenvalue) {
-    const auto keep_going = [&] { return monitor.keep_going(); };
-    mu = -std::min(0.0, min_eigenvalue_of_measurements(graph, num_threads, keep_going));
-  }
-
+  SumStep take_step(graph, mu_rule, monitor);
   Quaternions q = to_quaternions(R), next(q);
-  DavenportMatrices now, then;
-  now.update(graph, q, num_threads);
+  DavenportMatrices at(graph, q, monitor.num_threads()), after(at);
   double step = 0.0;
-  while (!monitor.should_stop(now.objective, now.gradient, step)) {
-    for (;;) {
-      const auto sums = block_sum<detail::StepSums>(graph.num_nodes(), num_threads, [&](Index i) {
-        if (graph.row(i).size() == 0) return detail::StepSums{};
-        const Vector4 q_i = q[i].coeffs();
-        const double mu_i = mu + theta * graph.degree(i);
-        const Matrix4 K_i = now.K[i] + mu_i * q_i * q_i.transpose();  // (23)
-        next[i] = loso(K_i, q[i]);                                    // (24)
-        return detail::StepSums{detail::gain(K_i, q_i, next[i].coeffs()),
-                                std::pow(chordal_distance(q[i], next[i]), 2)};
-      });
-      then.update(graph, next, num_threads);
-      step = std::sqrt(sums.change / (3.0 * graph.num_nodes()));
-      const double rounding = now.objective_rounding + then.objective_rounding;
-      const bool falls = then.objective <= now.objective - 0.25 * sums.promise + rounding;
-      if (falls || mu_rule != MuRule::adaptive || theta >= 1.0) break;
-      theta = std::max(0.125, 2.0 * theta);
-    }
+  while (!monitor.should_stop(at.objective(), at.gradient_norm(), step)) {
+    step = take_step(q, at, next, after);
     std::swap(q, next);
-    std::swap(now, then);
+    std::swap(at, after);
   }
   return std::move(monitor).result(to_rotations(q));
 }
