@@ -89,7 +89,9 @@ inline ComponentBound bound_by_connectivity(const CertificateMatrix& S,
     trace += diagonal;
   }
   PartialCholesky cholesky;
-  if (!cholesky(M.data(), n, 0, nullptr, keep_going)) return {};
+  if (cholesky(M.data(), n, 0, nullptr, keep_going) != CholeskyOutcome::positive_definite) {
+    return {};
+  }
   constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
   const double proved = l - 1.1 * (n + 2.0) * unit * trace;
   if (!(proved > 0.0)) return {};

@@ -37,18 +37,17 @@ class Elimination {
   /// certain that they are more than `limit`: then only a lower bound, above the limit, is
   /// returned.
   double flops(int B, double limit) {
-    const double operations = 2.0 * B * B * B;
-    if (!order_ && size() > 0) {
-      // With N columns and q entries, sum_j |L_j|^2 >= q^2 / N (Cauchy-Schwarz), parallel edges
-      // aside.
-      double entries = 0.0;
-      for (const Index i : all_nodes()) entries += 0.5 * graph_->row(i).size();
-      const double pairs = 0.5 * size() * (size() + 1.0);
-      const double lower_bound = operations / 2.0 * entries * entries / size();
-      if (entries <= pairs && lower_bound > limit) return lower_bound;
+    if (size() == 0) return 0.0;
+    const double operations = 2.0 * B * B * B;  // of two blocks multiplied and added
+    if (!order_) {
+      // Column j takes at least |L_j|^2 / 2 multiplications; with N columns and q entries,
+      // sum_j |L_j|^2 >= q^2 / N (Cauchy-Schwarz).
+      const double q = num_entries();
+      const double lower_bound = 0.5 * operations * q * q / size();
+      if (lower_bound > limit) return lower_bound;
       order_ = approximate_minimum_degree(pattern());
     }
-    return order_ ? operations * order_->multiplications : 0.0;
+    return operations * order_->multiplications;
   }
 
   const BlockPattern& pattern() {
@@ -75,7 +74,7 @@ class Elimination {
     for (Index a = 0; a < size(); ++a) blocks[pattern_.start[a]] = diagonal(node(a));
     for (const Place& place : places_) {
       const Block block = off_diagonal(place.edge);
-      if (place.transposed) {
+      if (row_of(graph_->edges()[place.edge].i) == place.column) {
         blocks[place.entry] += block.transpose();
       } else {
         blocks[place.entry] += block;
@@ -87,12 +86,27 @@ class Elimination {
  private:
   struct Place {
     Index edge;
-    Index entry;      // in pattern_.row
-    bool transposed;  // whether e.i has the column there
+    Index entry;   // in pattern_.row
+    Index column;  // of the entry
   };
 
   const std::vector<Index>& all_nodes() const { return components_->nodes[component_]; }
   Index row_of(Index node) const { return components_->row_in_component[node] - skipped_; }
+
+  /// Entries of the pattern, counted without building it.
+  double num_entries() {
+    if (num_entries_ == 0.0) {
+      std::vector<Index> last_column(static_cast<std::size_t>(size()), -1);  // of each row
+      for (Index a = 0; a < size(); ++a) {
+        num_entries_ += 1.0;  // the diagonal
+        for (const HalfEdge& h : graph_->row(node(a))) {
+          const Index b = row_of(h.node);
+          if (b > a && std::exchange(last_column[b], a) != a) num_entries_ += 1.0;
+        }
+      }
+    }
+    return num_entries_;
+  }
 
   /// Row by row, so that the rows of every column rise.
   void build_pattern() {
@@ -105,13 +119,14 @@ class Elimination {
     }
     std::vector<Index> row(static_cast<std::size_t>(begin[n])), end(begin.begin(), begin.end() - 1);
     places_.clear();
+    places_.reserve(row.size() - n);
     for (Index a = 0; a < n; ++a) {
       row[end[a]++] = a;
       for (const HalfEdge& h : graph_->row(node(a))) {
         const Index b = row_of(h.node);
         if (b < 0 || b >= a) continue;
         if (row[end[b] - 1] != a) row[end[b]++] = a;
-        places_.push_back({h.edge(), end[b] - 1, !h.is_i()});
+        places_.push_back({h.edge(), end[b] - 1, b});
       }
     }
     // Without the room that parallel edges would have taken.
@@ -123,15 +138,13 @@ class Elimination {
       pattern_.start.push_back(static_cast<Index>(pattern_.row.size()));
     }
     if (pattern_.row.size() == row.size()) return;
-    for (Place& place : places_) {
-      const Edge& e = graph_->edges()[place.edge];
-      place.entry -= moved_by[std::min(row_of(e.i), row_of(e.j))];
-    }
+    for (Place& place : places_) place.entry -= moved_by[place.column];
   }
 
   const MeasurementGraph* graph_;
   const Components* components_;
   Index component_, skipped_;
+  double num_entries_ = 0.0;
   BlockPattern pattern_;
   std::vector<Place> places_;
   std::optional<EliminationOrder> order_;

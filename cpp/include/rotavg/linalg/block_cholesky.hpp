@@ -18,8 +18,6 @@
 
 namespace rotavg {
 
-enum class CholeskyOutcome { positive_definite, not_positive_definite, stopped };
-
 /// Sparse Cholesky factorisation, P (A + shift I) P^T = L L^T, of a matrix of B x B blocks by the
 /// multifrontal method (Duff and Reid 1983; Liu 1992): supernode by supernode, children first, the
 /// entries of its columns and what its children left over are summed into a dense front, whose
@@ -28,17 +26,20 @@ template <int B>
 class BlockCholesky {
  public:
   using Blocks = std::vector<Eigen::Matrix<double, B, B>>;
+  using Supernode = SymbolicCholesky::Supernode;
+  using MatrixView = Eigen::Map<const Eigen::MatrixXd>;
 
   /// @param symbolic the analysis of the pattern that all matrices have
   explicit BlockCholesky(std::shared_ptr<const SymbolicCholesky> symbolic)
       : symbolic_(std::move(symbolic)) {
     const auto& supernodes = symbolic_->supernodes();
     std::vector<std::size_t> left_over(supernodes.size(), 0);  // by the children
-    std::size_t size = 0, top = 0, highest = 0;
+    std::size_t size = 0, most_rows = 0, top = 0, highest = 0;
     for (std::size_t s = 0; s < supernodes.size(); ++s) {
       const Supernode& node = supernodes[s];
       panel_start_.push_back(size);
       size += B * node.rows() * (B * node.columns());
+      most_rows = std::max(most_rows, node.rows());
       const std::size_t rest = B * node.below.size() * (B * node.below.size());
       highest = std::max(highest, top + rest);
       top += rest - left_over[s];
@@ -46,11 +47,19 @@ class BlockCholesky {
     }
     panels_ = Buffer(size);
     stack_ = Buffer(highest);
+    front_.resize(together, B * most_rows);
   }
 
   const std::shared_ptr<const SymbolicCholesky>& symbolic() const { return symbolic_; }
   /// Number of scalar rows.
   Eigen::Index size() const { return B * static_cast<Eigen::Index>(symbolic_->size()); }
+
+  /// The columns of L that supernode s has, in its rows: first its own, in a lower triangle whose
+  /// upper part has no meaning, and then those below.
+  MatrixView factor(std::size_t s) const {
+    const Supernode& node = symbolic_->supernodes()[s];
+    return MatrixView(panels_.data() + panel_start_[s], B * node.rows(), B * node.columns());
+  }
 
   /// @param A the blocks of the lower triangle, in the order of BlockPattern::row; diagonal blocks
   ///        are symmetric
@@ -58,20 +67,14 @@ class BlockCholesky {
   CholeskyOutcome factorize(const Blocks& A, double shift = 0.0,
                             const std::function<bool()>& keep_going = {}) {
     const auto& supernodes = symbolic_->supernodes();
-    std::vector<std::vector<std::pair<Index, std::size_t>>> left_over(supernodes.size());
-    std::vector<Index> place(static_cast<std::size_t>(symbolic_->size()));  // of a row in the front
-    constexpr double often_enough = 1e7;  // operations between two questions
-    double unasked = 2.0 * often_enough;
-    std::size_t top = 0;  // of the stack of what is left over
+    // Where each row stands in the front.
+    std::vector<Index> place(static_cast<std::size_t>(symbolic_->size()));
+    std::vector<LeftOver> left_over;  // on the stack
+    std::size_t top = 0;              // of the stack
+    if (keep_going && !keep_going()) return CholeskyOutcome::stopped;
     for (std::size_t s = 0; s < supernodes.size(); ++s) {
       const Supernode& node = supernodes[s];
       const Index pivots = B * node.columns(), below = B * node.num_below();
-      const double operations = double(pivots) * (pivots + below) * (pivots + below);
-      unasked += operations;
-      if (unasked > often_enough && keep_going) {
-        if (!keep_going()) return CholeskyOutcome::stopped;
-        unasked = 0.0;
-      }
       const std::size_t rest_size = static_cast<std::size_t>(below) * below;
       const Front front{panels_.data() + panel_start_[s], pivots, below, stack_.data() + top};
       std::fill_n(front.panel, static_cast<std::size_t>(pivots) * (pivots + below), 0.0);
@@ -91,23 +94,19 @@ class BlockCholesky {
         }
         if (shift != 0.0) front.block(place[k], place[k]).diagonal().array() += shift;
       }
+      // In postorder, what the children left over is what the stack has on top.
       std::size_t base = top;
-      for (const auto& [child, start] : left_over[s]) {
-        front.add(supernodes[child].below, place, stack_.data() + start);
-        base = std::min(base, start);
+      for (; !left_over.empty() && left_over.back().node->parent == static_cast<Index>(s);
+           left_over.pop_back()) {
+        base = left_over.back().start;
+        front.add(left_over.back().node->below, place, stack_.data() + base);
       }
 
-      const bool large = operations > often_enough;
-      if (!partial_cholesky_(front.panel, pivots, below, front.rest,
-                             large ? keep_going : std::function<bool()>())) {
-        const bool stopped = keep_going && !keep_going();
-        return stopped ? CholeskyOutcome::stopped : CholeskyOutcome::not_positive_definite;
-      }
+      const auto outcome = partial_cholesky_(front.panel, pivots, below, front.rest, keep_going);
+      if (outcome != CholeskyOutcome::positive_definite) return outcome;
       // The rest takes the place of what the children left over.
-      if (below > 0) {
-        std::copy_n(stack_.data() + top, base < top ? rest_size : 0, stack_.data() + base);
-        left_over[node.parent].emplace_back(static_cast<Index>(s), base);
-      }
+      if (base < top) std::copy_n(stack_.data() + top, rest_size, stack_.data() + base);
+      if (below > 0) left_over.push_back({&node, base});
       top = base + rest_size;
     }
     return CholeskyOutcome::positive_definite;
@@ -116,28 +115,24 @@ class BlockCholesky {
   /// X <- (A + shift I)^-1 X, after a factorisation that was positive definite.
   /// @param X size() rows, in the order of the nodes
   void solve_in_place(Eigen::Ref<Eigen::MatrixXd> X) {
+    const auto num_supernodes = symbolic_->supernodes().size();
     const auto& node = symbolic_->node();
-    const auto num_supernodes = static_cast<Index>(symbolic_->supernodes().size());
-    rows_.resize(static_cast<std::size_t>(size()));
-    for (Eigen::Index first = 0; first < X.cols(); first += lanes) {
-      const Eigen::Index columns = std::min<Eigen::Index>(lanes, X.cols() - first);
-      for (Index k = 0; k < symbolic_->size(); ++k) {
-        for (int i = 0; i < B; ++i) {
-          rows_[B * k + i].setZero();
-          for (Eigen::Index t = 0; t < columns; ++t) {
-            rows_[B * k + i](t) = X(B * node[k] + i, first + t);
+    for (Eigen::Index first = 0; first < X.cols(); first += together) {
+      auto columns = X.middleCols(first, std::min<Eigen::Index>(together, X.cols() - first));
+      permuted_.setZero(together, X.rows());
+      const auto for_each_entry = [&](auto&& f) {
+        for (Index k = 0; k < symbolic_->size(); ++k) {
+          for (int i = 0; i < B; ++i) {
+            for (Eigen::Index t = 0; t < columns.cols(); ++t) {
+              f(columns(B * node[k] + i, t), permuted_(t, B * k + i));
+            }
           }
         }
-      }
-      for (Index s = 0; s < num_supernodes; ++s) solve_lower(s);
-      for (Index s = num_supernodes; s-- > 0;) solve_upper(s);
-      for (Index k = 0; k < symbolic_->size(); ++k) {
-        for (int i = 0; i < B; ++i) {
-          for (Eigen::Index t = 0; t < columns; ++t) {
-            X(B * node[k] + i, first + t) = rows_[B * k + i](t);
-          }
-        }
-      }
+      };
+      for_each_entry([](const double& given, double& entry) { entry = given; });
+      for (std::size_t s = 0; s < num_supernodes; ++s) solve_lower(s);
+      for (std::size_t s = num_supernodes; s-- > 0;) solve_upper(s);
+      for_each_entry([](double& solved, const double& entry) { solved = entry; });
     }
   }
   Eigen::MatrixXd solve(Eigen::MatrixXd X) {
@@ -147,14 +142,14 @@ class BlockCholesky {
 
   /// tr D for a diagonal D >= 0 with A + shift I + D >= L L^T in spite of rounding.
   ///
-  /// L L^T = A + shift I + E with |E_ij| <= u k_ij / (1 - u k_ij) (|L| |L|^T)_ij, where k_ij is one
-  /// more than the number of products that were subtracted (Higham 2002, Theorem 10.3, for any
-  /// order of the operations). With k_i the number of nonzeros in row i of L and one,
-  /// k_ij <= sqrt(k_i k_j), so |E| <= u' sum_c a_c a_c^T with a_c = (sqrt(k_i) |L_ic|)_i; and
-  /// a a^T <= diag(a) sum_i a_i, whose trace is (sum_i a_i)^2.
+  /// L L^T = A + shift I + E with |E_ij| <= u k_ij / (1 - u k_ij) (|L| |L|^T)_ij, where k_ij is at
+  /// most the number of products that were subtracted and three, for the shift and the root (Higham
+  /// 2002, Theorem 10.3, for any order of the operations). With k_i the number of nonzeros in row i
+  /// of L and two, k_ij <= sqrt(k_i k_j), so |E| <= u' sum_c a_c a_c^T with a_c = (sqrt(k_i)
+  /// |L_ic|)_i; and a a^T <= diag(a) sum_i a_i, whose trace is (sum_i a_i)^2.
   double rounding_trace() const {
     const auto& supernodes = symbolic_->supernodes();
-    std::vector<double> row_size(static_cast<std::size_t>(symbolic_->size()), 1.0);
+    std::vector<double> row_size(static_cast<std::size_t>(symbolic_->size()), 2.0);
     for (const Supernode& node : supernodes) {
       for (Index k = node.begin; k < node.end; ++k) row_size[k] += B * (k - node.begin + 1.0);
       for (const Index row : node.below) row_size[row] += B * node.columns();
@@ -170,11 +165,9 @@ class BlockCholesky {
         root.segment<B>(B * r).setConstant(std::sqrt(row_size[row]));
         largest = std::max(largest, row_size[row]);
       }
-      const double* column = panels_.data() + panel_start_[s];
-      for (Index c = 0; c < B * node.columns(); ++c, column += B * rows) {
-        const Index height = B * rows - c;
-        const Eigen::Map<const Eigen::VectorXd> L_c(column + c, height);
-        const double sum = root.tail(height).dot(L_c.cwiseAbs());
+      const MatrixView L = factor(s);
+      for (Eigen::Index c = 0; c < L.cols(); ++c) {
+        const double sum = root.tail(B * rows - c).dot(L.col(c).tail(B * rows - c).cwiseAbs());
         trace += sum * sum;
       }
     }
@@ -183,11 +176,18 @@ class BlockCholesky {
   }
 
  private:
-  using Supernode = SymbolicCholesky::Supernode;
-  using Stride = Eigen::OuterStride<>;
-  // Right-hand sides are solved for four at a time.
-  static constexpr int lanes = 4;
-  using Lanes = Eigen::Array<double, lanes, 1>;
+  /// What a supernode left over for its parent: the lower triangle of a matrix with the rows below
+  /// it.
+  struct LeftOver {
+    const Supernode* node;
+    std::size_t start;  // on the stack
+  };
+
+  /// Right-hand sides are solved four at a time, so that L is read once for all of them; where
+  /// there are fewer, the others are zero. Their rows stand in columns.
+  static constexpr int together = 4;
+  using Row = Eigen::Matrix<double, together, 1>;
+  using RightHandSides = Eigen::Matrix<double, together, Eigen::Dynamic>;
 
   /// A dense front: [A11; A21] in the panel, A22 in the rest.
   struct Front {
@@ -201,10 +201,10 @@ class BlockCholesky {
       return c < pivots ? panel + c * height
                         : rest + static_cast<std::size_t>(c - pivots) * below - pivots;
     }
-    using BlockView = Eigen::Map<Eigen::Matrix<double, B, B>, 0, Stride>;
+    /// A block of the panel.
+    using BlockView = Eigen::Map<Eigen::Matrix<double, B, B>, 0, Eigen::OuterStride<>>;
     BlockView block(Index row, Index column) const {
-      const Index height = pivots + below;
-      return BlockView(this->column(B * column) + B * row, Stride(height));
+      return BlockView(this->column(B * column) + B * row, Eigen::OuterStride<>(pivots + below));
     }
     /// Adds what a child left over: the lower triangle of a matrix with these rows.
     void add(const std::vector<Index>& rows, const std::vector<Index>& place,
@@ -223,46 +223,70 @@ class BlockCholesky {
     }
   };
 
-  void solve_lower(Index s) {
+  /// X <- L^-1 X in the columns of one supernode, and what they take from the rows below. Two
+  /// columns at once halve the traffic of X.
+  void solve_lower(std::size_t s) {
     const Supernode& node = symbolic_->supernodes()[s];
-    const Index pivots = B * node.columns(), below = B * node.num_below();
-    const double* L = panels_.data() + panel_start_[s];
-    Lanes* const x = rows_.data() + B * node.begin;
-    front_.assign(static_cast<std::size_t>(below), Lanes::Zero());
-    for (Index c = 0; c < pivots; ++c, L += pivots + below) {
-      const Lanes x_c = x[c] /= L[c];
-      for (Index r = c + 1; r < pivots; ++r) x[r] -= L[r] * x_c;
-      for (Index r = 0; r < below; ++r) front_[r] += L[pivots + r] * x_c;
+    const MatrixView L = factor(s);
+    const Eigen::Index pivots = L.cols(), rows = L.rows();
+    auto x = front_.leftCols(rows);
+    x.leftCols(pivots) = permuted_.middleCols(B * node.begin, pivots);
+    x.rightCols(rows - pivots).setZero();
+    for (Eigen::Index c = 0; c < pivots; c += 2) {
+      const double* const l = L.col(c).data();
+      const Row x_c = x.col(c) /= l[c];
+      if (c + 1 == pivots) {
+        for (Eigen::Index r = c + 1; r < rows; ++r) x.col(r) -= l[r] * x_c;
+        break;
+      }
+      const double* const next_l = l + rows;
+      const Row next_x = (x.col(c + 1) -= l[c + 1] * x_c) /= next_l[c + 1];
+      for (Eigen::Index r = c + 2; r < rows; ++r) x.col(r) -= l[r] * x_c + next_l[r] * next_x;
     }
-    for (Index r = 0; r < below; ++r) rows_[B * node.below[r / B] + r % B] -= front_[r];
+    permuted_.middleCols(B * node.begin, pivots) = x.leftCols(pivots);
+    for (Index r = 0; r < node.num_below(); ++r) {
+      permuted_.template middleCols<B>(B * node.below[r]) +=
+          x.template middleCols<B>(pivots + B * r);
+    }
   }
 
-  void solve_upper(Index s) {
+  /// X <- L^-T X in the columns of one supernode, where the rows below are solved.
+  void solve_upper(std::size_t s) {
     const Supernode& node = symbolic_->supernodes()[s];
-    const Index pivots = B * node.columns(), below = B * node.num_below();
-    Lanes* const x = rows_.data() + B * node.begin;
-    front_.resize(static_cast<std::size_t>(below));
-    for (Index r = 0; r < below; ++r) front_[r] = rows_[B * node.below[r / B] + r % B];
-    for (Index c = pivots - 1; c >= 0; --c) {
-      const double* const L =
-          panels_.data() + panel_start_[s] + static_cast<std::size_t>(c) * (pivots + below);
-      Lanes even = Lanes::Zero(), odd = Lanes::Zero();  // two chains of additions, for speed
-      for (Index r = c + 1; r < pivots; ++r) even += L[r] * x[r];
-      Index r = 0;
-      for (; r + 1 < below; r += 2) {
-        even += L[pivots + r] * front_[r];
-        odd += L[pivots + r + 1] * front_[r + 1];
-      }
-      if (r < below) even += L[pivots + r] * front_[r];
-      x[c] = (x[c] - even - odd) / L[c];
+    const MatrixView L = factor(s);
+    const Eigen::Index pivots = L.cols(), rows = L.rows();
+    auto x = front_.leftCols(rows);
+    x.leftCols(pivots) = permuted_.middleCols(B * node.begin, pivots);
+    for (Index r = 0; r < node.num_below(); ++r) {
+      x.template middleCols<B>(pivots + B * r) =
+          permuted_.template middleCols<B>(B * node.below[r]);
     }
+    for (Eigen::Index c = pivots - 1; c >= 0; c -= 2) {
+      const double* const l = L.col(c).data();
+      Row x_c = x.col(c);
+      if (c == 0) {
+        for (Eigen::Index r = 1; r < rows; ++r) x_c -= l[r] * x.col(r);
+        x.col(0) = x_c / l[0];
+        break;
+      }
+      const double* const previous_l = l - rows;
+      Row previous_x = x.col(c - 1);
+      for (Eigen::Index r = c + 1; r < rows; ++r) {
+        x_c -= l[r] * x.col(r);
+        previous_x -= previous_l[r] * x.col(r);
+      }
+      x_c /= l[c];
+      x.col(c) = x_c;
+      x.col(c - 1) = (previous_x - previous_l[c] * x_c) / previous_l[c - 1];
+    }
+    permuted_.middleCols(B * node.begin, pivots) = x.leftCols(pivots);
   }
 
   std::shared_ptr<const SymbolicCholesky> symbolic_;
   std::vector<std::size_t> panel_start_;
   Buffer panels_;                    // of every supernode: its columns of L, column-major
   Buffer stack_;                     // of what is left over for parents
-  std::vector<Lanes> rows_, front_;  // of right-hand sides, in the order of elimination
+  RightHandSides permuted_, front_;  // of all rows, and those of one supernode
   PartialCholesky partial_cholesky_;
 };
 

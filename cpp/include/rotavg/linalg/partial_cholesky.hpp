@@ -12,6 +12,8 @@
 
 namespace rotavg {
 
+enum class CholeskyOutcome { positive_definite, not_positive_definite, stopped };
+
 /// The first columns of a dense Cholesky factorisation, and what they leave of the rest:
 ///
 ///     [ A11      ]   [ L11    ] [ L11^T  L21^T ]   [ 0             ]
@@ -29,29 +31,33 @@ class PartialCholesky {
   /// @param panel (pivots + below) x pivots, leading dimension pivots + below: [A11; A21] in, [L11;
   ///        L21] out
   /// @param rest below x below, leading dimension below: A22 in, A22 - L21 L21^T out
-  /// @param keep_going asked after every few million operations; false stops
-  /// @returns whether all pivots were positive and finite; if not, or if stopped, what is returned
-  ///          is unfinished
-  bool operator()(double* panel, Index pivots, Index below, double* rest,
-                  const std::function<bool()>& keep_going = {}) {
+  /// @param keep_going asked after every few million operations, of this call and earlier ones;
+  ///        false stops
+  /// @returns positive_definite if all pivots were positive and finite; what is not finite below
+  ///          them leaves its diagonal entry in the rest NaN or -infinity. Otherwise the result is
+  ///          unfinished.
+  CholeskyOutcome operator()(double* panel, Index pivots, Index below, double* rest,
+                             const std::function<bool()>& keep_going = {}) {
     const Index stride = pivots + below;
     for (Index begin = 0; begin < pivots; begin += block) {
       const Index width = std::min(block, pivots - begin);
-      const Index right = pivots - begin - width;  // columns of the panel that remain
       top_.assign(pivots - begin, width);
       bottom_.assign(below, width);
       double* const top = panel + at(begin, begin, stride);
       double* const bottom = panel + at(pivots, begin, stride);
-      if (!factorize_block(top, bottom, stride, width)) return false;
-      const bool finished =
-          subtract_products(top + at(width, width, stride), stride, {top_, width, right},
-                            {top_, width, right}, keep_going) &&
-          subtract_products(bottom + at(0, width, stride), stride, {bottom_, 0, below},
-                            {top_, width, right}, keep_going) &&
-          subtract_products(rest, below, {bottom_, 0, below}, {bottom_, 0, below}, keep_going);
-      if (!finished) return false;
+      const CholeskyOutcome outcome = factorize_block(top, bottom, stride, width, keep_going);
+      if (outcome != CholeskyOutcome::positive_definite) return outcome;
+      const Range right{top_, width, pivots - begin - width};  // columns of the panel that remain
+      const Range rows_below{bottom_, 0, below};
+      bool finished = subtract_products(rest, below, rows_below, rows_below, keep_going);
+      if (finished && right.size > 0) {
+        finished =
+            subtract_products(top + at(width, width, stride), stride, right, right, keep_going) &&
+            subtract_products(bottom + at(0, width, stride), stride, rows_below, right, keep_going);
+      }
+      if (!finished) return CholeskyOutcome::stopped;
     }
-    return true;
+    return CholeskyOutcome::positive_definite;
   }
 
  private:
@@ -61,6 +67,7 @@ class PartialCholesky {
   static constexpr Index tile_rows = packs * lanes;
   static constexpr Index tile_columns = 3;
   static constexpr Index block = 96;  // columns: a strip of rows, tile_rows x block, stays near
+  static_assert(block % tile_rows == 0 && tile_rows % tile_columns == 0);
   using Pack = Eigen::Array<double, lanes, 1>;
   using UnalignedPack = Eigen::Map<Pack>;
   using AlignedPack = Eigen::Map<const Pack, Eigen::AlignedMax>;
@@ -72,10 +79,9 @@ class PartialCholesky {
     return static_cast<std::size_t>(column) * rows + row;
   }
 
-  /// The lower triangle of a diagonal block of L; the inverse of its diagonal beside it.
+  /// The lower triangle of a diagonal block of L.
   struct Triangle {
     double L[tile_columns][tile_columns] = {};
-    double pivot[tile_columns] = {};
   };
 
   /// Finished columns of L in strips of tile_rows rows, each strip column by column; rows beyond
@@ -130,27 +136,39 @@ class PartialCholesky {
       sum[2][0] = s20, sum[2][1] = s21, sum[2][2] = s22;
     }
 
-    /// Subtracts rows `skipped` … `rows`-1 of the tile, whose first stands at C(row, column).
-    EIGEN_STRONG_INLINE void subtract_from(double* C, Index row, Index column, Index stride,
-                                           Index skipped, Index rows, Index columns) const {
-      const bool whole = skipped == 0 && rows == tile_rows && columns == tile_columns;
-      for (Index c = 0; c < columns; ++c) {
-        double* const out = C + at(0, column + c, stride) + row;
-        if (whole) {
-          for (Index p = 0; p < packs; ++p) UnalignedPack(out + p * lanes) -= sum[c][p];
+    /// Subtracts the first rows and columns of the tile, whose first entry stands at C.
+    EIGEN_STRONG_INLINE void subtract_from(double* C, Index stride, Index rows,
+                                           Index columns) const {
+      for (Index c = 0; c < columns; ++c, C += stride) {
+        if (rows == tile_rows) {
+          for (Index p = 0; p < packs; ++p) UnalignedPack(C + p * lanes) -= sum[c][p];
         } else {
-          for (Index r = skipped; r < rows; ++r) out[r] -= sum[c][r / lanes](r % lanes);
+          for (Index r = 0; r < rows; ++r) C[r] -= sum[c][r / lanes](r % lanes);
         }
       }
     }
   };
 
+  /// Asks once in a while: a question may cost as much as thousands of multiplications.
+  bool goes_on(double multiplications, const std::function<bool()>& keep_going) {
+    constexpr double between_questions = 5e6;
+    since_question_ += multiplications;
+    if (since_question_ < between_questions || !keep_going) return true;
+    since_question_ = 0.0;
+    return keep_going();
+  }
+
   /// Factorises the first `width` columns, and packs them.
-  bool factorize_block(double* top, double* bottom, Index stride, Index width) {
+  CholeskyOutcome factorize_block(double* top, double* bottom, Index stride, Index width,
+                                  const std::function<bool()>& keep_going) {
     for (Index c = 0; c < width; c += tile_columns) {
       const Index columns = std::min(tile_columns, width - c);
+      const double rows = top_.rows() - c + bottom_.rows();
+      if (!goes_on(rows * columns * (c + columns), keep_going)) return CholeskyOutcome::stopped;
       Triangle triangle;
-      if (!factorize_diagonal(top + at(c, c, stride), stride, columns, c, triangle)) return false;
+      if (!factorize_diagonal(top + at(c, c, stride), stride, columns, c, triangle)) {
+        return CholeskyOutcome::not_positive_definite;
+      }
       // The strips of rows below, beginning with the one that holds the diagonal block.
       const double* const pivot_rows = top_.row(c);
       for (Index s = c / tile_rows; s < top_.num_strips(); ++s) {
@@ -166,31 +184,29 @@ class PartialCholesky {
                     bottom_.strip(s), pivot_rows);
       }
     }
-    return true;
+    return CholeskyOutcome::positive_definite;
   }
 
   /// Some of the packed rows.
   struct Range {
     PackedRows& packed;
-    Index begin;  // a multiple of tile_columns
+    Index begin;  // a multiple of tile_rows
     Index size;
   };
 
   /// C -= A B^T, C of size A.size x B.size; only its lower triangle where A and B are the same.
   bool subtract_products(double* C, Index stride, Range A, Range B,
                          const std::function<bool()>& keep_going) {
-    if (A.size == 0 || B.size == 0) return true;
     const bool lower = &A.packed == &B.packed;
-    const Index end = A.begin + A.size;
-    for (Index s = A.begin / tile_rows; s < A.packed.num_strips(); ++s) {
-      if (keep_going && !keep_going()) return false;
-      const Index first = s * tile_rows;
-      const Index last = std::min(first + tile_rows, end);
-      const Index skipped = std::max<Index>(0, A.begin - first);
-      const Index columns = lower ? std::min(B.size, last - A.begin) : B.size;
+    for (Index row = 0; row < A.size; row += tile_rows) {
+      const Index rows = std::min(tile_rows, A.size - row);
+      const Index columns = lower ? row + rows : B.size;
+      const double multiplications = static_cast<double>(columns) * tile_rows * A.packed.depth();
+      if (!goes_on(multiplications, keep_going)) return false;
+      const double* const strip = A.packed.row(A.begin + row);
       for (Index c = 0; c < columns; c += tile_columns) {
-        const Tile tile(A.packed.strip(s), B.packed.row(B.begin + c), A.packed.depth());
-        tile.subtract_from(C, first - A.begin, c, stride, skipped, last - first,
+        const Tile tile(strip, B.packed.row(B.begin + c), A.packed.depth());
+        tile.subtract_from(C + at(row, c, stride), stride, rows,
                            std::min(tile_columns, B.size - c));
       }
     }
@@ -208,9 +224,9 @@ class PartialCholesky {
         for (Index k = 0; k < j; ++k) a -= triangle.L[i][k] * triangle.L[j][k];
         if (i == j) {
           if (!(a > 0.0) || !std::isfinite(a)) return false;
-          triangle.pivot[j] = triangle.L[j][j] = std::sqrt(a);
+          triangle.L[j][j] = std::sqrt(a);
         } else {
-          triangle.L[i][j] = a / triangle.pivot[j];
+          triangle.L[i][j] = a / triangle.L[j][j];
         }
         A[at(i, j, stride)] = triangle.L[i][j];
       }
@@ -239,7 +255,7 @@ class PartialCholesky {
         }
         x -= tile.sum[j][p];
         for (Index k = 0; k < j; ++k) x -= tile.sum[k][p] * triangle.L[j][k];
-        if (j < width) x /= triangle.pivot[j];
+        if (j < width) x /= triangle.L[j][j];
         tile.sum[j][p] = x;  // now of L
         if (whole) UnalignedPack(A + at(p * lanes, j, stride)) = x;
         Eigen::Map<Pack, Eigen::AlignedMax>(out + at(p * lanes, j, tile_rows)) = x;
@@ -260,6 +276,7 @@ class PartialCholesky {
   }
 
   PackedRows top_, bottom_;
+  double since_question_ = 0.0;  // multiplications
 };
 
 }  // namespace rotavg

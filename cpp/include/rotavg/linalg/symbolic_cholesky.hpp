@@ -25,8 +25,8 @@ struct BlockPattern {
 /// An order of elimination that keeps the Cholesky factor sparse.
 struct EliminationOrder {
   std::vector<Index> node;  ///< (n,) the node that is eliminated k-th
-  /// Multiplications that a factorisation in this order takes, with blocks of size one; for blocks
-  /// of size B about B^3 times as many.
+  /// Multiplications that a factorisation in this order takes at most, divisions and roots
+  /// included, with blocks of size one; for blocks of size B about B^3 times as many.
   double multiplications = 0.0;
 };
 
@@ -34,6 +34,7 @@ struct EliminationOrder {
 /// @throws std::bad_alloc
 inline EliminationOrder approximate_minimum_degree(const BlockPattern& pattern) {
   EliminationOrder order;
+  if (pattern.size() == 0) return order;  // amd_order takes no null pointers
   order.node.resize(static_cast<std::size_t>(pattern.size()));
   double control[AMD_CONTROL], info[AMD_INFO];
   amd_defaults(control);
@@ -41,7 +42,7 @@ inline EliminationOrder approximate_minimum_degree(const BlockPattern& pattern) 
                                order.node.data(), control, info);
   if (status == AMD_OUT_OF_MEMORY) throw std::bad_alloc();
   if (status < 0) throw std::logic_error("the pattern is not that of a symmetric matrix");
-  order.multiplications = info[AMD_NMULTSUBS_LDL] + info[AMD_LNZ];
+  order.multiplications = info[AMD_NMULTSUBS_LDL] + info[AMD_LNZ] + pattern.size();
   return order;
 }
 

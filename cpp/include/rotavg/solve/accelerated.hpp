@@ -88,9 +88,9 @@ inline IterationResult accelerated_sum(const MeasurementGraph& graph, const Rota
                                        MuRule mu_rule = MuRule::adaptive) {
   Monitor monitor(graph, R, options);
   const auto measure = [&](const Quaternions& from, const Quaternions& to) {
-    const double change2 = block_sum<double>(
-        graph.num_nodes(), monitor.num_threads(),
-        [&](Index i) { return std::pow(chordal_distance(from[i], to[i]), 2); });
+    const double change2 =
+        block_sum<double>(graph.num_nodes(), monitor.num_threads(),
+                          [&](Index i) { return std::pow(chordal_distance(from[i], to[i]), 2); });
     return std::sqrt(change2 / (3.0 * graph.num_nodes()));
   };
   SumStep step(graph, mu_rule, monitor);

@@ -59,9 +59,10 @@ inline IterationOptions remaining(const IterationOptions& options, const Iterati
 /// - On sparse graphs the Laplacian factors at little cost, and Newton's method goes on after
 /// three.
 /// - On others the sweeps are watched; if at their rate many more would be needed, Newton's method
-///   takes over; where the Laplacian is too large to factor, accelerated sweeps. On dense graphs, where all nodes at
-///   once converge as quickly as one after the other, the sweeps are those of SUM, which reads the
-///   measurements once for the step, the objective and the gradient, and uses all threads.
+///   takes over; where the Laplacian is too large to factor, accelerated sweeps. On dense graphs,
+///   where all nodes at once converge as quickly as one after the other, the sweeps are those of
+///   SUM, which reads the measurements once for the step, the objective and the gradient, and uses
+///   all threads.
 ///
 /// @param eliminations of all components, without their roots
 /// @param method receives what was used in the end

@@ -78,8 +78,9 @@ inline std::function<bool()> keep_going(const SolveOptions& options, const Stopw
 /// @returns none where it would cost more than options.certificate.max_factorization_flops, or the
 ///          time is up
 inline std::optional<Rotations> initial_value(const MeasurementGraph& graph,
-                                              std::vector<Elimination>& eliminations, Initialization init,
-                                              const SolveOptions& options, const Stopwatch& watch) {
+                                              std::vector<Elimination>& eliminations,
+                                              Initialization init, const SolveOptions& options,
+                                              const Stopwatch& watch) {
   const double max_flops = options.certificate.max_factorization_flops;
   switch (init) {
     case Initialization::spanning_tree:
@@ -107,8 +108,7 @@ inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
   static_cast<IterationResult&>(solution) = [&] {
     switch (options.method) {
       case Method::bcd:
-        return options.accelerate ? accelerated_bcd(graph, R, iteration)
-                                  : bcd(graph, R, iteration);
+        return options.accelerate ? accelerated_bcd(graph, R, iteration) : bcd(graph, R, iteration);
       case Method::sum:
         return options.accelerate ? accelerated_sum(graph, R, iteration, options.mu)
                                   : sum(graph, R, iteration, options.mu);
@@ -171,8 +171,8 @@ inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options
   if (free_choice && options.certify && is_converged(solution.status) &&
       solution.certificate.verdict == Verdict::not_certified) {
     const double before = watch.seconds();
-    if (std::optional<Rotations> second_start = detail::initial_value(
-            graph, eliminations, Initialization::chordal, options, watch)) {
+    if (std::optional<Rotations> second_start =
+            detail::initial_value(graph, eliminations, Initialization::chordal, options, watch)) {
       Solution second = solution;
       second.init = Initialization::chordal;
       second.timings.init += watch.seconds() - before;

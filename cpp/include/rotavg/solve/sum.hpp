@@ -44,9 +44,7 @@ class SumStep {
   /// Computes lambda_min(Rt) where the rule needs it.
   /// @param graph must outlive this object
   SumStep(const MeasurementGraph& graph, MuRule mu_rule, const Monitor& monitor)
-      : graph_(graph),
-        adaptive_(mu_rule == MuRule::adaptive),
-        num_threads_(monitor.num_threads()) {
+      : graph_(graph), adaptive_(mu_rule == MuRule::adaptive), num_threads_(monitor.num_threads()) {
     if (adaptive_) return;
     const auto keep_going = [&monitor] { return monitor.keep_going(); };
     mu_ = -std::min(0.0, min_eigenvalue_of_measurements(graph, num_threads_, keep_going));
@@ -59,16 +57,15 @@ class SumStep {
   double operator()(const Quaternions& q, const DavenportMatrices& at, Quaternions& next,
                     DavenportMatrices& after) {
     for (;;) {
-      const auto sums =
-          block_sum<detail::StepSums>(graph_.num_nodes(), num_threads_, [&](Index i) {
-            if (graph_.row(i).size() == 0) return detail::StepSums{};
-            const Vector4 q_i = q[i].coeffs();
-            const double mu_i = mu_ + theta_ * graph_.degree(i);
-            const Matrix4 K_i = at[i] + mu_i * q_i * q_i.transpose();  // (23)
-            next[i] = loso(K_i, q[i]);                                 // (24)
-            return detail::StepSums{detail::gain(K_i, q_i, next[i].coeffs()),
-                                    std::pow(chordal_distance(q[i], next[i]), 2)};
-          });
+      const auto sums = block_sum<detail::StepSums>(graph_.num_nodes(), num_threads_, [&](Index i) {
+        if (graph_.row(i).size() == 0) return detail::StepSums{};
+        const Vector4 q_i = q[i].coeffs();
+        const double mu_i = mu_ + theta_ * graph_.degree(i);
+        const Matrix4 K_i = at[i] + mu_i * q_i * q_i.transpose();  // (23)
+        next[i] = loso(K_i, q[i]);                                 // (24)
+        return detail::StepSums{detail::gain(K_i, q_i, next[i].coeffs()),
+                                std::pow(chordal_distance(q[i], next[i]), 2)};
+      });
       after.update(next);
       const double rounding = at.objective_rounding() + after.objective_rounding();
       const bool falls = after.objective() <= at.objective() - 0.25 * sums.promise + rounding;
