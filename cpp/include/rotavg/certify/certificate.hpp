@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <functional>
 #include <limits>
 #include <vector>
@@ -50,6 +51,7 @@ struct Certificate {
   double gap = std::numeric_limits<double>::infinity();
   /// The largest gap / max(f, 1e-6 sum w) of a component. Below a root mean square residual of 1e-3
   /// the criterion is absolute: rounding alone keeps any proof from resolving smaller objectives.
+  /// (Where weights differ by more than a factor of 1000, no edge's w counts for more than the median.)
   double relative_gap = std::numeric_limits<double>::infinity();
 };
 
@@ -58,22 +60,36 @@ namespace detail {
 /// What the gap of one component is held against.
 struct Measure {
   double objective = 0.0;  ///< its part of f(R), plus what rounding can have taken away
-  double weight = 0.0;     ///< its part of sum w
+  /// Sum of w, where the weights lie within a factor of 1000; else no edge counts for more than the
+  /// median, or a few heavy edges would hide all that the others say.
+  double weight = 0.0;
 
   double relative(double gap) const { return gap / std::max(objective, 1e-6 * weight); }
 };
 
-inline Measure measure_component(const ResidualQuaternions& residuals,
-                                 const std::vector<Index>& nodes) {
-  Measure measure;
-  for (const Index i : nodes) {
-    for (const HalfEdge& h : residuals.graph().row(i)) {
-      if (h.is_i()) measure.objective += 8.0 * residuals()[h.edge()].head<3>().squaredNorm();
-    }
-    measure.weight += 0.5 * residuals.graph().degree(i);
+inline std::vector<Measure> measure_components(const ResidualQuaternions& residuals,
+                                               const Components& components) {
+  const MeasurementGraph& graph = residuals.graph();
+  const bool uneven = graph.max_weight() > 1e3 * graph.min_weight();
+  std::vector<Measure> measures(components.nodes.size());
+  std::vector<std::vector<double>> weights(measures.size());
+  for (Index k = 0; k < graph.num_edges(); ++k) {
+    const Index c = components.label[graph.quaternion_edges()[k].i];
+    const double weight = residuals()[k].squaredNorm();
+    measures[c].objective += 8.0 * residuals()[k].head<3>().squaredNorm();
+    measures[c].weight += weight;
+    if (uneven) weights[c].push_back(weight);
   }
-  measure.objective += objective_rounding(measure.weight, measure.objective);
-  return measure;
+  for (std::size_t c = 0; c < measures.size(); ++c) {
+    Measure& measure = measures[c];
+    measure.objective += objective_rounding(measure.weight, measure.objective);
+    if (weights[c].empty()) continue;
+    const auto median = weights[c].begin() + static_cast<std::ptrdiff_t>(weights[c].size() / 2);
+    std::nth_element(weights[c].begin(), median, weights[c].end());
+    measure.weight = 0.0;
+    for (const double weight : weights[c]) measure.weight += std::min(weight, *median);
+  }
+  return measures;
 }
 
 inline ComponentBound bound_component(const CertificateMatrix& S, Elimination& elimination,
@@ -127,6 +143,7 @@ inline Certificate certify(const MeasurementGraph& graph, const Rotations& R,
 
   const ResidualQuaternions residuals(graph, to_quaternions(R), num_threads);
   const NodeSums sums(residuals);
+  const auto measures = detail::measure_components(residuals, components);
   Certificate certificate;
   certificate.gap = certificate.relative_gap = 0.0;
   certificate.lambda_min = std::numeric_limits<double>::infinity();
@@ -135,7 +152,7 @@ inline Certificate certify(const MeasurementGraph& graph, const Rotations& R,
     if (components.nodes[c].size() < 2) continue;
     const CertificateMatrix S(sums, components, c);
     const ComponentBound bound = detail::bound_component(S, eliminations[c], options);
-    const detail::Measure measure = detail::measure_component(residuals, components.nodes[c]);
+    const detail::Measure& measure = measures[c];
     // f* >= 0 is a bound as well, and a proof where nothing is left to gain.
     const double gap = std::min(bound.gap, measure.objective);
     const bool nothing_left = measure.relative(measure.objective) <= options.tolerance;

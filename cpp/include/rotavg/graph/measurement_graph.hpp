@@ -107,6 +107,8 @@ class MeasurementGraph {
 
   /// Sum of all weights.
   double total_weight() const { return total_weight_; }
+  double min_weight() const { return min_weight_; }
+  double max_weight() const { return max_weight_; }
 
  private:
   static std::vector<NodeId> ids_of(const std::vector<RelativeRotation>& measurements) {
@@ -140,6 +142,8 @@ class MeasurementGraph {
       degree_[e.i] += e.weight;
       degree_[e.j] += e.weight;
       total_weight_ += e.weight;
+      min_weight_ = std::min(min_weight_, e.weight);
+      max_weight_ = std::max(max_weight_, e.weight);
     }
     for (std::size_t k = 0; k < n; ++k) row_start_[k + 1] += row_start_[k];
 
@@ -162,7 +166,8 @@ class MeasurementGraph {
   std::vector<std::size_t> row_start_;
   std::vector<HalfEdge> half_edges_;
   std::vector<double> degree_;
-  double total_weight_ = 0.0;
+  double total_weight_ = 0.0, max_weight_ = 0.0;
+  double min_weight_ = std::numeric_limits<double>::infinity();
 };
 
 }  // namespace rotavg
