@@ -51,15 +51,16 @@ py::dict solution_dict(const rotavg::Solution& s) {
 
 py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
                const std::string& init, const std::optional<DoubleArray>& start, std::uint64_t seed,
-               const std::string& mu, const std::string& stop, double tolerance, int max_iterations,
-               double time_limit, int num_threads, bool certify, double certificate_tolerance,
-               const std::optional<py::function>& callback) {
+               const std::string& mu, bool accelerate, const std::string& stop, double tolerance,
+               int max_iterations, double time_limit, int num_threads, bool certify,
+               double certificate_tolerance, const std::optional<py::function>& callback) {
   SignalCheck signals;
   rotavg::SolveOptions options;
   options.method = value_of<rotavg::Method>(method);
   options.init = value_of<rotavg::Initialization>(init);
   options.seed = seed;
   options.mu = value_of<rotavg::MuRule>(mu);
+  options.accelerate = accelerate;
   options.certify = certify;
   options.certificate.tolerance = certificate_tolerance;
   options.iteration.stop = value_of<rotavg::StopRule>(stop);
@@ -110,9 +111,10 @@ void bind_solve(py::module_& m) {
             .format(p.iteration, p.objective, p.gradient_norm, p.step, p.seconds);
       });
   m.def("solve", &solve, py::arg("graph"), py::kw_only(), py::arg("method"), py::arg("init"),
-        py::arg("start"), py::arg("seed"), py::arg("mu"), py::arg("stop"), py::arg("tolerance"),
-        py::arg("max_iterations"), py::arg("time_limit"), py::arg("num_threads"),
-        py::arg("certify"), py::arg("certificate_tolerance"), py::arg("callback"));
+        py::arg("start"), py::arg("seed"), py::arg("mu"), py::arg("accelerate"), py::arg("stop"),
+        py::arg("tolerance"), py::arg("max_iterations"), py::arg("time_limit"),
+        py::arg("num_threads"), py::arg("certify"), py::arg("certificate_tolerance"),
+        py::arg("callback"));
 }
 
 }  // namespace rotavg_python

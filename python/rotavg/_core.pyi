@@ -50,6 +50,7 @@ def solve(
     start: NDArray[np.float64] | None,
     seed: int,
     mu: str,
+    accelerate: bool,
     stop: str,
     tolerance: float,
     max_iterations: int,

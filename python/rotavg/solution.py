@@ -131,7 +131,8 @@ class Solution:
         relative_gradient: largest |gradient of node i| / degree of i, in radians:
             what the default stopping rule looks at.
         status: how the solver ended.
-        iterations: sweeps over all nodes.
+        iterations: sweeps over all nodes; of an accelerated "bcd" pairs of them, to and fro; steps
+            of "newton".
         method: the method that was used, in the end.
         reason: what "auto" chose and why, in one line; empty for other methods.
         init: where it started: the name of an initial value, or "given".

@@ -39,6 +39,7 @@ def solve(
     num_threads: int | None = None,
     callback: Callback | None = None,
     mu: Mu = "adaptive",
+    accelerate: bool = False,
     seed: int = 0,
     certificate_tolerance: float = 1e-6,
 ) -> Solution:
@@ -61,13 +62,16 @@ def solve(
         stop: "gradient" stops when the relative gradient (radians) is below the tolerance;
             "step" when the paper's relative step is. Of badly conditioned graphs the step says
             little.
-        max_iterations: limit on the number of sweeps.
+        max_iterations: limit on the number of iterations.
         time_limit: limit in seconds on everything together; None for no limit.
         num_threads: None for all processors. The result has the same bits for any number. (Threads
             do not survive a fork: use multiprocessing's "spawn" or "forkserver".)
         callback: called with a `Progress` for the initial value (iteration 0) and after every
             iteration; returning False stops.
         mu: how "sum" chooses mu: "adaptive", or "min_eigenvalue" as the paper prints it.
+        accelerate: whether "bcd" and "sum" extrapolate from their last few iterates (Anderson's
+            mixing, safeguarded): on trajectories it saves most of the iterations. One of "bcd" is
+            then two sweeps, to and fro. The other methods have no use for it.
         seed: of the "random" initial value.
         certificate_tolerance: the largest relative gap that is called optimal.
 
@@ -90,6 +94,7 @@ def solve(
         start=start,
         seed=_whole("seed", seed, 0, 2**64 - 1),
         mu=mu,
+        accelerate=bool(accelerate),
         stop=stop,
         tolerance=_nonnegative("tolerance", tolerance),
         max_iterations=_whole("max_iterations", max_iterations, 0, 2**31 - 1),

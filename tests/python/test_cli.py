@@ -60,6 +60,15 @@ def test_solve_prints_one_json_object(graph_file: Path) -> None:
     assert result["iterations"] == expected.iterations
 
 
+def test_accelerate_takes_fewer_iterations(graph_file: Path) -> None:
+    iterations = []
+    for extra in ([], ["--accelerate"]):
+        done = run("solve", graph_file, "--method", "sum", "--json", *extra)
+        assert done.returncode == 0
+        iterations.append(json.loads(done.stdout)["iterations"])
+    assert 3 * iterations[1] < iterations[0]
+
+
 def test_not_solved_is_exit_status_1(graph_file: Path) -> None:
     done = run("solve", graph_file, "--max-iterations", "2", "--json")
     assert done.returncode == 1

@@ -51,6 +51,19 @@ def test_sum_reaches_the_same_optimum() -> None:
         assert np.all(np.diff(solution.trace.objective) <= 1e-13 * solution.objective)
 
 
+@pytest.mark.parametrize("method", ["bcd", "sum"])
+@pytest.mark.parametrize(("name", "optimum"), [*OPTIMA.items(), ("parking-garage", PARKING_GARAGE)])
+def test_acceleration_reaches_the_proved_optimum_in_hundreds_of_iterations(
+    name: str, optimum: float, method: str
+) -> None:
+    graph = rotavg.read(shared_data(f"g2o/{name}.g2o"), unit_weights=True)
+    solution = rotavg.solve(graph, method=method, accelerate=True, max_iterations=600)  # type: ignore[arg-type]
+    assert solution.status is rotavg.Status.GRADIENT_CONVERGED
+    assert solution.objective == pytest.approx(optimum, rel=1e-9)
+    assert solution.certificate is not None
+    assert solution.certificate.verdict == "proved"
+
+
 def test_bcd_says_honestly_that_it_stopped_early_on_a_long_trajectory() -> None:
     graph = rotavg.read(shared_data("g2o/parking-garage.g2o"), unit_weights=True)
     solution = rotavg.solve(graph, method="bcd", max_iterations=2000)

@@ -204,6 +204,27 @@ def test_same_input_same_bits_for_any_number_of_threads(method: str, init: str) 
         assert first.certificate == again.certificate
 
 
+@pytest.mark.parametrize("method", ["bcd", "sum"])
+def test_acceleration_saves_most_iterations_and_keeps_the_rest(method: str) -> None:
+    graph = rotavg.simulate("sphere", 900, noise=0.1, seed=1).graph
+    plain = rotavg.solve(graph, method=method)  # type: ignore[arg-type]
+    fast = rotavg.solve(graph, method=method, accelerate=True)  # type: ignore[arg-type]
+    sweeps = 2 if method == "bcd" else 1
+    assert 6 * sweeps * fast.iterations < plain.iterations
+    assert fast.method == method
+    assert fast.objective == pytest.approx(plain.objective, rel=1e-9)
+    assert fast.certificate is not None
+    assert fast.certificate.verdict == "proved"
+    assert np.all(np.diff(fast.trace.objective) <= 1e-13 * fast.objective)
+    for threads in (1, 3):
+        again = rotavg.solve(graph, method=method, accelerate=True, num_threads=threads)  # type: ignore[arg-type]
+        assert again.rotations.tobytes() == fast.rotations.tobytes()
+        assert again.trace.step.tobytes() == fast.trace.step.tobytes()
+    paper = rotavg.solve(graph, method=method, accelerate=True, stop="step", tolerance=1e-6)  # type: ignore[arg-type]
+    assert paper.status is rotavg.Status.STEP_CONVERGED
+    assert paper.trace.step[-1] < 1e-6 <= paper.trace.step[1:-1].min()
+
+
 def test_a_warm_start_at_the_optimum_has_nothing_to_do() -> None:
     graph = rotavg.simulate("complete", 30, noise=0.3, seed=1).graph
     solution = rotavg.solve(graph)

@@ -31,12 +31,17 @@ from rotavg.io import check_writable
 @click.option("--seed", type=click.IntRange(0), default=0, help="Seed of --init random.")
 @number("--tolerance", click.FloatRange(0), 1e-9, "Stop when the gradient (or step) is below this.")
 @choice("--stop", ["gradient", "step"], "gradient", "What to stop on; 'step' is the paper's rule.")
-@number("--max-iterations", click.IntRange(0, 2**31 - 1), 20000, "Limit on the number of sweeps.")
+@number(
+    "--max-iterations", click.IntRange(0, 2**31 - 1), 20000, "Limit on the number of iterations."
+)
 @click.option(
     "--time-limit", type=click.FloatRange(0), metavar="SECONDS", help="Limit on the work."
 )
 @click.option("--threads", type=click.IntRange(1, 4096), help="Number of threads.  [default: all]")
 @choice("--mu", ["adaptive", "min_eigenvalue"], "adaptive", "How --method sum chooses mu.")
+@click.option(
+    "--accelerate", is_flag=True, help="Extrapolate, with --method bcd and sum: fewer iterations."
+)
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
 @options.unit_weights
 @options.as_json

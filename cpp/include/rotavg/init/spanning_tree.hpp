@@ -12,9 +12,9 @@
 namespace rotavg {
 
 /// The spanning-tree start (Enqvist, Kahl and Olsson 2011): products of the measurements along the
-/// tree whose edges have the largest support. R = I at the first node of every component. Enqvist
-/// et al. count the image points that support an edge; here it is edge_support(), which knows the
-/// weights and the triangles and so keeps outliers out of the tree. Exact without noise.
+/// spanning tree whose edges have the largest support, R = I at the first node of every component.
+/// Their support comes from the images; here it is edge_support(), from the weights and the
+/// triangles, which keeps outliers out of the tree. Exact without noise.
 ///
 /// Prim's algorithm: the tree takes the best supported of the edges that leave it; among equals the
 /// one that leaves it nearest to the root, then the first. Where there are no triangles and all
