@@ -89,17 +89,18 @@ TEST_CASE("every iteration ends no higher than the plain step from where it bega
       Monitor monitor(graph, start, {});
       std::vector<double> after_plain_step;
       int calls = 0;
-      const auto step = [&](const Rotations& R, double f, Rotations& next) {
-        CHECK(f == objective(graph, R));
+      const auto step = [&](const Quaternions& q, const ResidualQuaternions& at, Quaternions& next,
+                            ResidualQuaternions& after) {
+        CHECK(at.objective() == objective(graph, q, 1));
         ++calls;
-        next = R;
+        next = q;
         bcd_sweep(graph, next, monitor);
-        const double f_next = objective(graph, next);
-        after_plain_step.push_back(f_next);
-        return f_next;
+        after.update(next);
+        after_plain_step.push_back(after.objective());
       };
-      const auto measure = [](const Rotations&, const Rotations&) { return 0.0; };
-      const IterationResult result = accelerate(graph, start, monitor, step, measure);
+      const auto measure = [](const Quaternions&, const Quaternions&) { return 0.0; };
+      const IterationResult result =
+          accelerate<ResidualQuaternions>(graph, to_quaternions(start), monitor, step, measure);
       REQUIRE(calls == result.iterations);
       int below = 0;
       for (int k = 0; k < result.iterations; ++k) {
@@ -120,27 +121,33 @@ TEST_CASE("of an affine step the mixing finds the fixed point within as many ste
   const MeasurementGraph graph = test::simulate_graph(random, test::complete(3), 0.0);
   const std::vector<double> factor = {0.9, -0.7, 0.5};
   const double size = 1e-5;
-  const auto step = [&](const Rotations& R) {
-    Rotations next;
-    for (const Matrix3& R_l : R) {
-      const Vector3 w = log_so3(R_l);
-      next.push_back(exp_so3({factor[0] * w.x(), factor[1] * w.y(), factor[2] * w.z()}));
+  const auto step = [&](const Quaternions& q) {
+    Quaternions next;
+    for (const Quaternion& q_l : q) {
+      const Vector3 w = log_so3(q_l.toRotationMatrix());
+      next.push_back(turned(Quaternion::Identity(),
+                            {factor[0] * w.x(), factor[1] * w.y(), factor[2] * w.z()}));
     }
     return next;
   };
   AndersonMixing anderson(graph, 1);
-  Rotations R, mixed;
-  for (int l = 0; l < 3; ++l) R.push_back(exp_so3(size * random.direction()));
+  Quaternions q, mixed;
+  for (int l = 0; l < 3; ++l)
+    q.push_back(turned(Quaternion::Identity(), size * random.direction()));
   for (int k = 0; k < 4; ++k) {
-    const Rotations next = step(R);
-    CHECK(anderson.mix(R, next, mixed) == (k > 0));
-    R = k > 0 ? mixed : next;
+    Quaternions next = step(q);
+    for (Quaternion& q_l : next) {  // the sign says nothing
+      if (random.coin()) q_l.coeffs() = -q_l.coeffs();
+    }
+    CHECK(anderson.mix(q, next, mixed) == (k > 0));
+    q = k > 0 ? mixed : next;
   }
-  for (const Matrix3& R_l : R) CHECK(log_so3(R_l).norm() < 1e-4 * size);
-  Rotations plain;
-  for (int l = 0; l < 3; ++l) plain.push_back(exp_so3({size, 0.0, 0.0}));
+  const auto angle = [](const Quaternion& q_l) { return log_so3(q_l.toRotationMatrix()).norm(); };
+  for (const Quaternion& q_l : q) CHECK(angle(q_l) < 1e-4 * size);
+  Quaternions plain;
+  for (int l = 0; l < 3; ++l) plain.push_back(turned(Quaternion::Identity(), {size, 0.0, 0.0}));
   for (int k = 0; k < 4; ++k) plain = step(plain);
-  CHECK(log_so3(plain[0]).norm() > 0.6 * size);
+  CHECK(angle(plain[0]) > 0.6 * size);
 }
 
 TEST_CASE("solve accelerates BCD and SUM where it is asked to") {

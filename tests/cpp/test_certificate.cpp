@@ -10,12 +10,14 @@
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/solve/bcd.hpp>
 
+#include "support/blocks.hpp"
 #include "support/dense.hpp"
 #include "support/graphs.hpp"
 #include "support/random.hpp"
@@ -62,6 +64,21 @@ double dense_lambda_min(const MeasurementGraph& graph, const Rotations& R) {
   return test::dense_eigenvalues(test::dense_certificate_matrix(graph, R))(0);
 }
 
+/// S with all that it refers to.
+struct CertificateAt {
+  Components components;
+  ResidualQuaternions residuals;
+  NodeSums sums;
+  CertificateMatrix S;
+
+  CertificateAt(const MeasurementGraph& graph, const Rotations& R)
+      : components(connected_components(graph)),
+        residuals(graph, to_quaternions(R), 1),
+        sums(residuals),
+        S(sums, components, 0) {}
+  CertificateAt(const CertificateAt&) = delete;
+};
+
 CertificateOptions by_eigenvalue() {
   CertificateOptions options;
   options.max_factorization_flops = 0.0;
@@ -76,18 +93,19 @@ TEST_CASE("S is Lambda - Rt, as an operator and as a sparse matrix without its f
   for (int k = 0; k < 50; ++k) {
     const MeasurementGraph graph = small_graph(random, 0.5);
     const Rotations R = random.rotations(graph.num_nodes());
-    const Components components = connected_components(graph);
-    const CertificateMatrix S(graph, R, components, 0, 1);
-    const Eigen::MatrixXd dense = test::dense_certificate_matrix(graph, R);
+    const CertificateAt at(graph, R);
+    const CertificateMatrix& S = at.S;
+    const Eigen::MatrixXd dense =
+        test::in_global_frame(test::dense_certificate_matrix(graph, R), R);
     const double tolerance = 1e-14 * dense.norm();
     const Eigen::Index size = dense.rows();
     REQUIRE((S.apply(Eigen::MatrixXd::Identity(size, size)) - dense).norm() < tolerance);
     for (const Index skipped : {0, 1}) {
       const Eigen::Index rest = size - 3 * skipped;
-      const Eigen::MatrixXd lower = S.lower(skipped);
-      const Eigen::MatrixXd expected =
-          dense.bottomRightCorner(rest, rest).triangularView<Eigen::Lower>();
-      REQUIRE((lower - expected).norm() < tolerance);
+      Elimination elimination(graph, at.components, 0, skipped);
+      const auto blocks = S.blocks(elimination);
+      const Eigen::MatrixXd sparse = test::dense_symmetric<3>(elimination.pattern(), blocks);
+      REQUIRE((sparse - dense.bottomRightCorner(rest, rest)).norm() < tolerance);
     }
     // tr(Lambda) = tr(R Rt R^T) at any R.
     const double trace_lambda = dense.trace();  // Rt has no diagonal blocks
@@ -102,15 +120,18 @@ TEST_CASE("what S leaves of R^T is sqrt(2) / 4 of the gradient, and nothing wher
   INFO(random.replay());
   for (int k = 0; k < 50; ++k) {
     const MeasurementGraph graph = small_graph(random, 0.3);
-    const Components components = connected_components(graph);
     const Rotations R = random.rotations(graph.num_nodes());
-    const CertificateMatrix S(graph, R, components, 0, 1);
-    REQUIRE((S.apply(S.null_vectors()) - S.leftover()).norm() < 1e-13 * graph.total_weight());
+    const CertificateAt at(graph, R);
+    const CertificateMatrix& S = at.S;
+    const double root_n = std::sqrt(double(graph.num_nodes()));  // the null vectors have length one
+    REQUIRE((S.apply(root_n * S.null_vectors()) - S.leftover()).norm() <
+            1e-13 * graph.total_weight());
     REQUIRE(S.leftover().norm() ==
             doctest::Approx(std::sqrt(2.0) / 4.0 * gradient_norm(graph, R).absolute));
 
     const Rotations stationary = descend(graph, R);
-    const CertificateMatrix at_stationary(graph, stationary, components, 0, 1);
+    const CertificateAt there(graph, stationary);
+    const CertificateMatrix& at_stationary = there.S;
     REQUIRE(at_stationary.leftover().norm() < 1e-12 * graph.total_weight());
     REQUIRE(at_stationary.apply(at_stationary.null_vectors()).norm() <
             1e-12 * graph.total_weight());

@@ -1,8 +1,13 @@
 #include <cmath>
+#include <functional>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include <doctest/doctest.h>
 
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
 #include <rotavg/init/chordal.hpp>
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/problem/objective.hpp>
@@ -16,6 +21,17 @@
 using namespace rotavg;
 using rotavg::test::Random;
 
+namespace {
+
+std::optional<Rotations> chordal(const MeasurementGraph& graph, double max_flops = 5e10,
+                                 const std::function<bool()>& keep_going = {}) {
+  const Components components = connected_components(graph);
+  std::vector<Elimination> eliminations = grounded_eliminations(graph, components);
+  return chordal_init(graph, eliminations, max_flops, keep_going);
+}
+
+}  // namespace
+
 TEST_CASE("the chordal start is exact without noise, in every component") {
   Random random;
   INFO(random.replay());
@@ -28,7 +44,7 @@ TEST_CASE("the chordal start is exact without noise, in every component") {
     }
     test::spread_weights(random, 2.0, edges);
     const MeasurementGraph graph(edges);
-    const auto R = chordal_init(graph, connected_components(graph));
+    const auto R = chordal(graph);
     REQUIRE(R.has_value());
     CHECK(objective(graph, *R) <= 1e-20 * graph.total_weight());
   }
@@ -45,12 +61,12 @@ TEST_CASE("before the projection the chordal start minimises (3) over free matri
     Eigen::MatrixXd A = Eigen::MatrixXd::Zero(3 * n, 3 * n);
     for (Index i = 0; i < n; ++i) {
       A.block<3, 3>(3 * i, 3 * i) = graph.degree(i) * Matrix3::Identity();
-      for (const HalfEdge& h : graph.row(i)) A.block<3, 3>(3 * i, 3 * h.node) -= h.block;
+      for (const HalfEdge& h : graph.row(i)) A.block<3, 3>(3 * i, 3 * h.node) -= graph.block(h);
     }
     const Eigen::Index free = 3 * (n - 1);
     const Eigen::MatrixXd X =
         A.bottomRightCorner(free, free).llt().solve(-A.bottomLeftCorner(free, 3));
-    const auto R = chordal_init(graph, connected_components(graph));
+    const auto R = chordal(graph);
     REQUIRE(R.has_value());
     for (Index i = 1; i < n; ++i) {
       const Matrix3 expected = nearest_rotation(X.middleRows<3>(3 * (i - 1)).transpose());
@@ -62,8 +78,8 @@ TEST_CASE("before the projection the chordal start minimises (3) over free matri
 TEST_CASE("where the chordal start costs too much or is stopped, there is none") {
   Random random;
   const MeasurementGraph graph = test::simulate_graph(random, test::complete(6), 0.5);
-  CHECK(!chordal_init(graph, connected_components(graph), 0.0).has_value());
-  CHECK(!chordal_init(graph, connected_components(graph), 1e9, [] { return false; }).has_value());
+  CHECK(!chordal(graph, 0.0).has_value());
+  CHECK(!chordal(graph, 1e9, [] { return false; }).has_value());
   SolveOptions options;
   options.init = Initialization::chordal;
   options.certificate.max_factorization_flops = 0.0;

@@ -29,7 +29,7 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 Eigen::MatrixXd measurements_from_rows(const MeasurementGraph& graph) {
   Eigen::MatrixXd Rt = Eigen::MatrixXd::Zero(3 * graph.num_nodes(), 3 * graph.num_nodes());
   for (Index l = 0; l < graph.num_nodes(); ++l) {
-    for (const HalfEdge& h : graph.row(l)) Rt.block<3, 3>(3 * l, 3 * h.node) += h.block;
+    for (const HalfEdge& h : graph.row(l)) Rt.block<3, 3>(3 * l, 3 * h.node) += graph.block(h);
   }
   return Rt;
 }
@@ -82,7 +82,7 @@ TEST_CASE("the rows hold the symmetric block matrix Rt, parallel edges added up"
     double degrees = 0.0;
     for (Index l = 0; l < graph.num_nodes(); ++l) {
       double degree = 0.0;
-      for (const HalfEdge& h : graph.row(l)) degree += graph.edges()[h.edge].weight;
+      for (const HalfEdge& h : graph.row(l)) degree += graph.edges()[h.edge()].weight;
       REQUIRE(graph.degree(l) == degree);
       degrees += degree;
     }
@@ -109,7 +109,7 @@ TEST_CASE("two measurements and their graph, block by block") {
   CHECK(graph.degree(2) == 0.5);
   CHECK(graph.total_weight() == 5.5);
   CHECK(graph.row(0).size() == 3);
-  CHECK(graph.row(0).begin()->edge == 0);
+  CHECK(graph.row(0).begin()->edge() == 0);
 }
 
 TEST_CASE("nodes may have any 64-bit ids, and stand in rising order unless one is given") {

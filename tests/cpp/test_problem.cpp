@@ -9,13 +9,16 @@
 #include <doctest/doctest.h>
 
 #include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/problem/check_rotations.hpp>
+#include <rotavg/problem/davenport.hpp>
 #include <rotavg/problem/gauge.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/problem/laplacian_metric.hpp>
 #include <rotavg/problem/objective.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/so3/lie.hpp>
 
 #include "support/dense.hpp"
@@ -257,6 +260,46 @@ TEST_CASE("objective and gradient have the same bits for any number of threads")
   }
 }
 
+TEST_CASE("residual quaternions and Davenport matrices say what matrices say, to rounding") {
+  Random random;
+  INFO(random.replay());
+  for (const double noise : {0.0, 1e-6, 0.3, 2.0}) {
+    for (const double spread : {0.0, 3.0}) {
+      const MeasurementGraph graph = [&] {
+        auto edges = test::simulate(random, test::random_connected(random, 12, 20), noise);
+        test::spread_weights(random, spread, edges);
+        return MeasurementGraph(edges);
+      }();
+      CAPTURE(noise);
+      CAPTURE(spread);
+      const Rotations R = noise < 0.1 ? shortest_path_init(graph) : random.rotations(12);
+      const Quaternions q = to_quaternions(R);
+      const ResidualQuaternions residuals(graph, q, 1);
+      const DavenportMatrices matrices(graph, q, 1);
+      const double f = objective(graph, R);
+      const double rounding = 10.0 * objective_rounding(graph, f);
+      CHECK(std::abs(residuals.objective() - f) <= rounding);
+      CHECK(std::abs(matrices.objective() - f) <= rounding + 10.0 * matrices.objective_rounding());
+      const GradientNorm norm = gradient_norm(graph, R);
+      const double tiny = 1e-14 * graph.total_weight();
+      CHECK(residuals.gradient_norm().absolute ==
+            doctest::Approx(norm.absolute).epsilon(1e-9).scale(tiny / 1e-9));
+      CHECK(matrices.gradient_norm().absolute ==
+            doctest::Approx(norm.absolute).epsilon(1e-9).scale(tiny / 1e-9));
+      CHECK(std::abs(matrices.gradient_norm().relative - norm.relative) <= 1e-13);
+      const std::vector<Vector3> g = gradient(graph, R);
+      for (Index l = 0; l < 12; ++l) {
+        CHECK((residuals.gradient(l) - g[l]).norm() <= 1e-13 * graph.degree(l));
+        // tr(A_l R(x)) = deg_l - 4 x^T K_l x for any unit x (10)
+        const Quaternion x(random.rotation());
+        const double value = (linear_cost(graph, R, l) * x.toRotationMatrix()).trace();
+        const double expected = graph.degree(l) - 4.0 * x.coeffs().dot(matrices[l] * x.coeffs());
+        CHECK(std::abs(value - expected) <= 1e-12 * graph.degree(l));
+      }
+    }
+  }
+}
+
 TEST_CASE("the Hessian is the symmetrised derivative of the gradient, and 4 L without noise") {
   Random random;
   INFO(random.replay());
@@ -264,7 +307,12 @@ TEST_CASE("the Hessian is the symmetrised derivative of the gradient, and 4 L wi
     const MeasurementGraph graph(
         test::simulate(random, test::random_connected(random, 7, 8), noise));
     const Rotations R = random.rotations(7);
-    const Hessian hessian(graph, R, 1);
+    const ResidualQuaternions residuals(graph, to_quaternions(R), 1);
+    const auto hessian = [&](const NodeVectors& w) {
+      NodeVectors result;
+      apply_hessian(residuals, w, result);
+      return result;
+    };
     // Along a geodesic the second derivative of f is w . H w.
     for (int k = 0; k < 5; ++k) {
       NodeVectors w(7, 3);
@@ -276,25 +324,27 @@ TEST_CASE("the Hessian is the symmetrised derivative of the gradient, and 4 L wi
       };
       constexpr double h = 1e-4;
       const double second = (f_at(h) - 2.0 * f_at(0.0) + f_at(-h)) / (h * h);
-      CHECK(w.cwiseProduct(hessian.apply(w)).sum() ==
+      CHECK(w.cwiseProduct(hessian(w)).sum() ==
             doctest::Approx(second).epsilon(1e-5).scale(graph.total_weight()));
       NodeVectors v(7, 3);
       for (Index i = 0; i < 7; ++i) v.row(i) = random.normal_vector().transpose();
-      CHECK(v.cwiseProduct(hessian.apply(w)).sum() ==
-            doctest::Approx(w.cwiseProduct(hessian.apply(v)).sum()).epsilon(1e-12).scale(100.0));
+      CHECK(v.cwiseProduct(hessian(w)).sum() ==
+            doctest::Approx(w.cwiseProduct(hessian(v)).sum()).epsilon(1e-12).scale(100.0));
     }
     if (noise > 0.0) continue;
-    const Hessian at_truth(graph, shortest_path_init(graph), 1);
+    const ResidualQuaternions at_truth(graph, to_quaternions(shortest_path_init(graph)), 1);
     const Components components = connected_components(graph);
     NodeVectors w(7, 3);
     for (Index i = 0; i < 7; ++i) w.row(i) = random.normal_vector().transpose();
     const Eigen::MatrixXd expected = 4.0 * apply_laplacian(graph, components, 0, w);
-    CHECK((at_truth.apply(w) - expected).norm() <= 1e-12 * expected.norm());
-    LaplacianMetric metric(graph, components);
+    NodeVectors Hw, back;
+    apply_hessian(at_truth, w, Hw);
+    CHECK((Hw - expected).norm() <= 1e-12 * expected.norm());
+    std::vector<Elimination> eliminations = grounded_eliminations(graph, components);
+    LaplacianMetric metric(graph, eliminations);
     REQUIRE(metric.factorize({}) == CholeskyOutcome::positive_definite);
     w.row(0).setZero();
-    const NodeVectors back =
-        metric.apply(NodeVectors(4.0 * apply_laplacian(graph, components, 0, w)));
+    metric.apply(NodeVectors(4.0 * apply_laplacian(graph, components, 0, w)), back);
     CHECK((back - w).norm() <= 1e-12 * w.norm());
   }
 }

@@ -1,11 +1,14 @@
 #include <array>
 #include <cmath>
+#include <functional>
+#include <optional>
 #include <vector>
 
 #include <doctest/doctest.h>
 #include <Eigen/Geometry>
 #include <Eigen/QR>
 
+#include <rotavg/graph/elimination.hpp>
 #include <rotavg/init/quaternion.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/solve/newton.hpp>
@@ -19,24 +22,35 @@ using rotavg::test::Random;
 
 namespace {
 
-using Quaternion = std::array<double, 4>;  // w, x, y, z
+std::optional<Rotations> quaternion(const MeasurementGraph& graph, double max_flops = 5e10,
+                                    const std::function<bool()>& keep_going = {}) {
+  const Components components = connected_components(graph);
+  std::vector<Elimination> eliminations = grounded_eliminations(graph, components);
+  return quaternion_init(graph, eliminations, max_flops, keep_going);
+}
 
-Quaternion from_matrix(const Matrix3& R) {
+}  // namespace
+
+namespace {
+
+using WXYZ = std::array<double, 4>;  // w, x, y, z
+
+WXYZ from_matrix(const Matrix3& R) {
   const Eigen::Quaterniond q(R);
   return {q.w(), q.x(), q.y(), q.z()};
 }
 
-double dot(const Quaternion& a, const Quaternion& b) {
+double dot(const WXYZ& a, const WXYZ& b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
 }
 
 /// Hamilton's table: rows of the linear map x -> x q.
-std::array<Quaternion, 4> right_factor(const Quaternion& q) {
+std::array<WXYZ, 4> right_factor(const WXYZ& q) {
   const auto [w, x, y, z] = q;
   return {{{w, -x, -y, -z}, {x, w, z, -y}, {y, -z, w, x}, {z, y, -x, w}}};
 }
 
-Quaternion product(const Quaternion& a, const Quaternion& b) {
+WXYZ product(const WXYZ& a, const WXYZ& b) {
   const auto rows = right_factor(b);
   return {dot(rows[0], a), dot(rows[1], a), dot(rows[2], a), dot(rows[3], a)};
 }
@@ -58,7 +72,7 @@ TEST_CASE("the quaternion start is exact without noise, in every component") {
     for (NodeId i = 0; i < 12; ++i) nodes.push_back(i);
     for (NodeId i = 100; i < 105; ++i) nodes.push_back(i);
     const MeasurementGraph graph(edges, nodes);
-    const auto R = quaternion_init(graph, connected_components(graph));
+    const auto R = quaternion(graph);
     REQUIRE(R.has_value());
     CHECK(objective(graph, *R) <= 1e-20 * graph.total_weight());
     for (const Index root : {0, 1, 13}) CHECK((*R)[root] == Matrix3::Identity());
@@ -81,7 +95,7 @@ TEST_CASE(
     Eigen::MatrixXd A = Eigen::MatrixXd::Zero(4 * m, 4 * 8);
     for (Index e = 0; e < m; ++e) {
       const Edge& edge = graph.edges()[e];
-      const Quaternion q = from_matrix(edge.i_from_j);
+      const WXYZ q = from_matrix(edge.i_from_j);
       const bool same = dot(product(from_matrix(truth[edge.i]), q), from_matrix(truth[edge.j])) > 0;
       const auto rows = right_factor(q);
       const double root = std::sqrt(edge.weight);
@@ -93,7 +107,7 @@ TEST_CASE(
     }
     // The truth has a sign of its own for each node, and any rotation at node 0.
     const Eigen::VectorXd x = A.rightCols(28).colPivHouseholderQr().solve(-A.col(0));
-    const auto R = quaternion_init(graph, connected_components(graph));
+    const auto R = quaternion(graph);
     REQUIRE(R.has_value());
     for (Index i = 1; i < 8; ++i) {
       const auto x_i = x.segment<4>(4 * (i - 1));
@@ -108,7 +122,7 @@ TEST_CASE("where the noise is small the quaternion start is nearly optimal") {
   INFO(random.replay());
   for (int k = 0; k < 10; ++k) {
     const MeasurementGraph graph = test::simulate_graph(random, test::grid(10, 10), 0.1);
-    const auto R = quaternion_init(graph, connected_components(graph));
+    const auto R = quaternion(graph);
     REQUIRE(R.has_value());
     const double optimum = newton(graph, *R).objective;
     CHECK(objective(graph, *R) <= 1.02 * optimum);
@@ -122,7 +136,7 @@ TEST_CASE("the quaternion start is made of rotations, whatever the noise") {
   // Far from the root of a noisy cycle the free quaternions fade away.
   for (const test::Pairs& pairs : {test::cycle(2000), test::grid(20, 20), test::complete(15)}) {
     const MeasurementGraph graph = test::simulate_graph(random, pairs, 3.0);
-    const auto R = quaternion_init(graph, connected_components(graph));
+    const auto R = quaternion(graph);
     REQUIRE(R.has_value());
     for (const Matrix3& R_i : *R) {
       REQUIRE((R_i.transpose() * R_i - Matrix3::Identity()).norm() < 1e-14);
@@ -134,9 +148,8 @@ TEST_CASE("the quaternion start is made of rotations, whatever the noise") {
 TEST_CASE("where the quaternion start costs too much or is stopped, there is none") {
   Random random;
   const MeasurementGraph graph = test::simulate_graph(random, test::complete(6), 0.5);
-  const Components components = connected_components(graph);
-  CHECK(!quaternion_init(graph, components, 0.0).has_value());
-  CHECK(!quaternion_init(graph, components, 1e9, [] { return false; }).has_value());
+  CHECK(!quaternion(graph, 0.0).has_value());
+  CHECK(!quaternion(graph, 1e9, [] { return false; }).has_value());
   SolveOptions options;
   options.init = Initialization::quaternion;
   CHECK(solve(graph, options).init == Initialization::quaternion);

@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 
 #include <rotavg/graph/measurement_graph.hpp>
-#include <rotavg/linalg/cholesky.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg::test {
@@ -40,13 +39,17 @@ inline Eigen::MatrixXd dense_certificate_matrix(const MeasurementGraph& graph, c
   return S;
 }
 
+/// Blocks R_i S_ij R_j^T: the same matrix, turned from the frames of the nodes to the global one.
+inline Eigen::MatrixXd in_global_frame(Eigen::MatrixXd S, const Rotations& R) {
+  for (std::size_t i = 0; i < R.size(); ++i) {
+    const auto at = 3 * static_cast<Eigen::Index>(i);
+    S.middleRows<3>(at) = (R[i] * S.middleRows<3>(at)).eval();
+    S.middleCols<3>(at) = (S.middleCols<3>(at) * R[i].transpose()).eval();
+  }
+  return S;
+}
+
 /// Rising. (Compiled once, as it takes the compiler seconds.)
 Eigen::VectorXd dense_eigenvalues(const Eigen::MatrixXd& symmetric);
-
-inline SparseSymmetric sparse_lower(const Eigen::MatrixXd& symmetric) {
-  SparseSymmetric lower = symmetric.triangularView<Eigen::Lower>().toDenseMatrix().sparseView();
-  lower.makeCompressed();
-  return lower;
-}
 
 }  // namespace rotavg::test

@@ -7,7 +7,6 @@
 #include <Eigen/Core>
 #include <Eigen/QR>
 
-#include <rotavg/linalg/cholesky.hpp>
 #include <rotavg/linalg/lobpcg.hpp>
 
 #include "support/dense.hpp"
@@ -17,7 +16,6 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using namespace rotavg;
 using rotavg::test::Random;
-using Outcome = SparseCholesky::Outcome;
 
 namespace {
 
@@ -50,148 +48,11 @@ MatrixXd sparse_symmetric(Random& random, Index n, Index per_row) {
   return A;
 }
 
-/// The Laplacian of a random graph with small whole weights, plus one shift on the diagonal: its
-/// smallest eigenvalue is exactly the shift, and so is every entry.
-MatrixXd shifted_laplacian(Random& random, Index n, double shift) {
-  MatrixXd L = MatrixXd::Zero(n, n);
-  for (Index i = 1; i < n; ++i) {
-    for (Index k = 0; k < 3; ++k) {
-      const Index j = random.below(i);
-      const double weight = 1.0 + random.below(8);
-      L(i, j) -= weight;
-      L(j, i) -= weight;
-    }
-  }
-  for (Index i = 0; i < n; ++i) L(i, i) = shift - (L.row(i).sum() - L(i, i));
-  return L;
-}
-
 LinearOperator times(const MatrixXd& A) {
   return [A](const MatrixXd& X) -> MatrixXd { return A * X; };
 }
 
 }  // namespace
-
-TEST_CASE("sparse Cholesky solves like a dense factorisation") {
-  Random random;
-  INFO(random.replay());
-  for (const Index n : {1, 2, 3, 10, 100}) {
-    MatrixXd A = sparse_symmetric(random, n, 4);
-    A.diagonal().array() += 1.0 - std::min(0.0, test::dense_eigenvalues(A)(0));
-    const SparseSymmetric lower = test::sparse_lower(A);
-    SparseCholesky cholesky(lower);
-    CAPTURE(n);
-    CHECK(cholesky.size() == n);
-    CHECK(cholesky.flops() > 0.0);
-    REQUIRE(cholesky.factorize(lower, 0.0, {}) == Outcome::positive_definite);
-    const MatrixXd B = normal_matrix(random, n, 3);
-    CHECK((cholesky.solve(B) - A.llt().solve(B)).norm() < 1e-11 * B.norm());
-  }
-}
-
-TEST_CASE("sparse Cholesky tells positive definite from indefinite, at any shift") {
-  Random random;
-  INFO(random.replay());
-  for (int k = 0; k < 100; ++k) {
-    const MatrixXd A = sparse_symmetric(random, 1 + random.below(40), 4);
-    const SparseSymmetric lower = test::sparse_lower(A);
-    const double lambda_min = test::dense_eigenvalues(A)(0);
-    SparseCholesky cholesky(lower);
-    // One object, many shifts: a failure must not spoil what follows.
-    for (const double margin : {1e-3, -1e-3, 1.0, -1.0, 1e-9, -1e-9}) {
-      CAPTURE(margin);
-      const Outcome outcome = cholesky.factorize(lower, margin - lambda_min, {});
-      REQUIRE(outcome ==
-              (margin > 0.0 ? Outcome::positive_definite : Outcome::not_positive_definite));
-      if (margin < 1e-3) continue;
-      const MatrixXd shifted = A + (margin - lambda_min) * MatrixXd::Identity(A.rows(), A.cols());
-      const MatrixXd b = normal_matrix(random, A.rows(), 1);
-      REQUIRE((shifted * cholesky.solve(b) - b).norm() < 1e-9 * b.norm());
-    }
-  }
-}
-
-TEST_CASE("sparse Cholesky takes new values in an old pattern") {
-  Random random;
-  INFO(random.replay());
-  MatrixXd A = shifted_laplacian(random, 50, 1.0);
-  SparseCholesky cholesky(test::sparse_lower(A));
-  for (int k = 0; k < 5; ++k) {
-    const VectorXd scale = VectorXd::NullaryExpr(50, [&] { return random.uniform(0.5, 2.0); });
-    A = scale.asDiagonal() * A * scale.asDiagonal();
-    REQUIRE(cholesky.factorize(test::sparse_lower(A), 0.0, {}) == Outcome::positive_definite);
-    const MatrixXd b = normal_matrix(random, 50, 1);
-    REQUIRE((A * cholesky.solve(b) - b).norm() < 1e-9 * b.norm());
-  }
-}
-
-TEST_CASE("sparse Cholesky stops when it is told to, and can start anew") {
-  Random random;
-  INFO(random.replay());
-  const SparseSymmetric lower = test::sparse_lower(shifted_laplacian(random, 50, 1.0));
-  SparseCholesky cholesky(lower);
-  CHECK(cholesky.factorize(lower, 0.0, [] { return false; }) == Outcome::stopped);
-  CHECK(cholesky.factorize(lower, 0.0, [] { return true; }) == Outcome::positive_definite);
-}
-
-TEST_CASE("a NaN, an infinity and a zero on the diagonal are not positive definite") {
-  for (const double bad : {std::nan(""), -HUGE_VAL, 0.0, -0.0}) {
-    for (Index at = 0; at < 4; ++at) {
-      SparseSymmetric lower = test::sparse_lower(MatrixXd::Identity(4, 4));
-      SparseCholesky cholesky(lower);
-      lower.coeffRef(at, at) = bad;
-      CAPTURE(bad);
-      CAPTURE(at);
-      CHECK(cholesky.factorize(lower, 0.0, {}) == Outcome::not_positive_definite);
-    }
-  }
-}
-
-TEST_CASE("what passes for positive definite is so up to rounding_trace, with exact eigenvalues") {
-  Random random;
-  INFO(random.replay());
-  int passed_though_negative = 0;
-  for (int k = 0; k < 500; ++k) {
-    const Index n = 2 + random.below(150);
-    // lambda_min = -2^-exponent exactly: the entries are whole multiples of it (53 bits hold them),
-    // or the factorisation adds it as a shift.
-    const bool as_shift = random.coin();
-    const double lambda_min = -std::ldexp(1.0, -30 - random.below(as_shift ? 30 : 13));
-    const MatrixXd A = shifted_laplacian(random, n, as_shift ? 0.0 : lambda_min);
-    const SparseSymmetric lower = test::sparse_lower(A);
-    SparseCholesky cholesky(lower);
-    if (cholesky.factorize(lower, as_shift ? lambda_min : 0.0, {}) != Outcome::positive_definite) {
-      continue;
-    }
-    ++passed_though_negative;
-    CAPTURE(n);
-    CAPTURE(lambda_min);
-    REQUIRE(-lambda_min <= cholesky.rounding_trace());
-  }
-  CHECK(passed_though_negative > 0);  // or the test would say nothing
-}
-
-TEST_CASE("rounding_trace covers the true error of a dense factorisation, by a modest factor") {
-  Random random;
-  INFO(random.replay());
-  using Long = Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic>;
-  for (int k = 0; k < 200; ++k) {
-    // The bound holds for any order of rows and operations; the dense factor stands for them all.
-    const Index n = 1 + random.below(30);
-    const MatrixXd B = normal_matrix(random, n, n + 2);
-    const MatrixXd A = B * B.transpose();
-    const SparseSymmetric lower = test::sparse_lower(A);
-    SparseCholesky cholesky(lower);
-    REQUIRE(cholesky.factorize(lower, 0.0, {}) == Outcome::positive_definite);
-    const MatrixXd L = A.llt().matrixL();
-    const Long error = L.cast<long double>() * L.transpose().cast<long double>() -
-                       MatrixXd(A.selfadjointView<Eigen::Lower>()).cast<long double>();
-    const auto actual = static_cast<double>(error.cwiseAbs().sum());
-    CAPTURE(n);
-    REQUIRE(actual <= cholesky.rounding_trace());
-    REQUIRE(cholesky.rounding_trace() <= 1e-15 * (n + 1) * (n + 1) * A.trace());
-  }
-}
 
 TEST_CASE("LOBPCG finds the smallest eigenvalue of random symmetric matrices, tiny ones too") {
   Random random;

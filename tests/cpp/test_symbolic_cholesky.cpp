@@ -1,0 +1,242 @@
+#include <algorithm>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include <doctest/doctest.h>
+
+#include <rotavg/linalg/symbolic_cholesky.hpp>
+
+#include "support/blocks.hpp"
+#include "support/graphs.hpp"
+#include "support/random.hpp"
+
+using namespace rotavg;
+using rotavg::test::Random;
+
+namespace {
+
+std::vector<Index> numbers(Index n) {
+  std::vector<Index> all(static_cast<std::size_t>(n));
+  std::iota(all.begin(), all.end(), 0);
+  return all;
+}
+
+EliminationOrder random_order(Random& random, Index n) {
+  EliminationOrder order{numbers(n)};
+  std::shuffle(order.node.begin(), order.node.end(), random.generator());
+  return order;
+}
+
+/// The rows of every column of L below the diagonal, by elimination of one column after the other.
+std::vector<std::vector<Index>> rows_of_factor(const BlockPattern& pattern,
+                                               const std::vector<Index>& node) {
+  const Index n = pattern.size();
+  std::vector<Index> column_of(node.size());
+  for (Index k = 0; k < n; ++k) column_of[node[k]] = k;
+  std::vector<std::vector<bool>> filled(node.size(), std::vector<bool>(node.size(), false));
+  for (Index j = 0; j < n; ++j) {
+    for (Index e = pattern.start[j]; e < pattern.start[j + 1]; ++e) {
+      const auto [column, row] = std::minmax(column_of[j], column_of[pattern.row[e]]);
+      filled[column][row] = true;
+    }
+  }
+  std::vector<std::vector<Index>> rows(node.size());
+  for (Index k = 0; k < n; ++k) {
+    for (Index i = k + 1; i < n; ++i) {
+      if (filled[k][i]) rows[k].push_back(i);
+    }
+    for (const Index i : rows[k]) {
+      for (const Index j : rows[k]) {
+        if (i > j) filled[j][i] = true;
+      }
+    }
+  }
+  return rows;
+}
+
+/// Divisions and roots count as multiplications.
+double multiplications_of(const std::vector<std::vector<Index>>& rows) {
+  double sum = 0.0;
+  for (const auto& column : rows) {
+    const auto below = static_cast<double>(column.size());
+    sum += 0.5 * (below + 1.0) * (below + 2.0);
+  }
+  return sum;
+}
+
+double entries_of(const SymbolicCholesky::Supernode& node) {
+  return 0.5 * node.columns() * (node.columns() + 1.0) + 1.0 * node.columns() * node.num_below();
+}
+
+void check_analysis(const BlockPattern& pattern, const EliminationOrder& order) {
+  const SymbolicCholesky symbolic(pattern, order);
+  const Index n = pattern.size();
+  REQUIRE(symbolic.size() == n);
+
+  std::vector<Index> sorted = symbolic.node();
+  std::sort(sorted.begin(), sorted.end());
+  REQUIRE(sorted == numbers(n));
+
+  // Postorder changes neither the fill nor the tree, but makes each subtree a range of columns.
+  const auto rows = rows_of_factor(pattern, symbolic.node());
+  REQUIRE(multiplications_of(rows) == multiplications_of(rows_of_factor(pattern, order.node)));
+  std::vector<Index> first_descendant = numbers(n), descendants(sorted.size(), 0);
+  for (Index k = 0; k < n; ++k) {
+    REQUIRE(k - first_descendant[k] == descendants[k]);
+    if (rows[k].empty()) continue;
+    const Index parent = rows[k].front();
+    first_descendant[parent] = std::min(first_descendant[parent], first_descendant[k]);
+    descendants[parent] += 1 + descendants[k];
+  }
+
+  // Every entry once, in the lower triangle.
+  std::vector<int> seen(pattern.row.size(), 0);
+  for (Index k = 0; k < n; ++k) {
+    for (auto e = symbolic.entries_begin(k); e != symbolic.entries_end(k); ++e) {
+      ++seen[e->index];
+      REQUIRE(e->row >= k);
+      if (e->row == k) REQUIRE(!e->transposed);
+      const Index row = pattern.row[e->index];
+      const auto next = std::upper_bound(pattern.start.begin(), pattern.start.end(), e->index);
+      const auto column = static_cast<Index>(next - pattern.start.begin()) - 1;
+      REQUIRE(symbolic.node()[e->row] == (e->transposed ? column : row));
+      REQUIRE(symbolic.node()[k] == (e->transposed ? row : column));
+    }
+  }
+  REQUIRE(std::all_of(seen.begin(), seen.end(), [](int times) { return times == 1; }));
+
+  // Supernodes are ranges of columns whose rows are those of L, but for few zeros.
+  Index begin = 0;
+  for (std::size_t s = 0; s < symbolic.supernodes().size(); ++s) {
+    const auto& node = symbolic.supernodes()[s];
+    REQUIRE(node.begin == begin);
+    REQUIRE(node.end > node.begin);
+    begin = node.end;
+    REQUIRE(node.below == rows[node.end - 1]);
+    double nonzeros = 0.0;
+    for (Index k = node.begin; k < node.end; ++k) {
+      if (k + 1 < node.end) REQUIRE((!rows[k].empty() && rows[k].front() < node.end));
+      nonzeros += 1.0 + static_cast<double>(rows[k].size());
+      for (const Index row : rows[k]) {
+        REQUIRE((row < node.end || std::binary_search(node.below.begin(), node.below.end(), row)));
+      }
+    }
+    REQUIRE(nonzeros >= entries_of(node) * (node.columns() <= 4 ? 0.5 : 0.85));
+    if (node.below.empty()) {
+      REQUIRE(node.parent == -1);
+      continue;
+    }
+    REQUIRE(node.parent > static_cast<Index>(s));
+    const auto& parent = symbolic.supernodes()[node.parent];
+    REQUIRE(parent.begin <= node.below.front());
+    REQUIRE(parent.end > node.below.front());
+  }
+  REQUIRE(begin == n);
+}
+
+BlockPattern pattern_of(Index n, const test::Pairs& pairs) {
+  Eigen::MatrixXd A = Eigen::MatrixXd::Identity(n, n);
+  for (const auto& [i, j] : pairs) A(i, j) = A(j, i) = 1.0;
+  return test::sparse_blocks<1>(A).pattern;
+}
+
+}  // namespace
+
+TEST_CASE("the analysis of a graph is that of elimination column by column, in any order") {
+  Random random;
+  INFO(random.replay());
+  for (int k = 0; k < 300; ++k) {
+    const Index n = 1 + random.below(40);
+    const bool connected = random.coin();
+    test::Pairs pairs;
+    if (connected && n > 1) {
+      pairs = test::random_connected(random, n, random.below(n));
+    } else {
+      for (Index e = random.below(2 * n); e > 0; --e) {
+        const Index i = random.below(n), j = random.below(n);
+        if (i != j) pairs.emplace_back(i, j);
+      }
+    }
+    const BlockPattern pattern = pattern_of(n, pairs);
+    CAPTURE(k);
+    CAPTURE(n);
+    check_analysis(pattern, approximate_minimum_degree(pattern));
+    check_analysis(pattern, EliminationOrder{numbers(n)});
+    check_analysis(pattern, random_order(random, n));
+  }
+}
+
+TEST_CASE("so is that of paths, stars, grids and complete graphs") {
+  Random random;
+  INFO(random.replay());
+  test::Pairs star;
+  for (Index i = 1; i < 50; ++i) star.emplace_back(0, i);
+  for (const test::Pairs& pairs :
+       {test::path(100), test::cycle(60), star, test::grid(9, 11), test::complete(40)}) {
+    const BlockPattern pattern = pattern_of(test::num_nodes(pairs), pairs);
+    check_analysis(pattern, approximate_minimum_degree(pattern));
+    check_analysis(pattern, random_order(random, pattern.size()));
+  }
+}
+
+TEST_CASE("the multiplications of an order are those of its elimination, or a few more") {
+  Random random;
+  INFO(random.replay());
+  for (int k = 0; k < 100; ++k) {
+    const Index n = 2 + random.below(60);
+    const auto pairs = test::random_connected(random, n, random.below(2 * n));
+    const BlockPattern pattern = pattern_of(n, pairs);
+    const EliminationOrder order = approximate_minimum_degree(pattern);
+    const double exact = multiplications_of(rows_of_factor(pattern, order.node));
+    CAPTURE(n);
+    REQUIRE(order.multiplications >= exact);
+    REQUIRE(order.multiplications <= 1.5 * exact);
+  }
+  for (const Index n : {1, 2, 3, 10, 100}) {
+    const double expected = n * (n + 1.0) * (n + 2.0) / 6.0;
+    CHECK(approximate_minimum_degree(pattern_of(n, test::complete(n))).multiplications == expected);
+    CHECK(approximate_minimum_degree(pattern_of(n, {})).multiplications == n);
+    CHECK(approximate_minimum_degree(pattern_of(n, test::path(n))).multiplications ==
+          3.0 * n - 2.0);
+  }
+}
+
+TEST_CASE("the supernode of a complete graph is one, and so are those of long paths few") {
+  const BlockPattern complete = pattern_of(30, test::complete(30));
+  const SymbolicCholesky dense(complete, approximate_minimum_degree(complete));
+  REQUIRE(dense.supernodes().size() == 1);
+  CHECK(dense.supernodes()[0].columns() == 30);
+  const BlockPattern path = pattern_of(1000, test::path(1000));
+  CHECK(SymbolicCholesky(path, approximate_minimum_degree(path)).supernodes().size() < 500);
+}
+
+TEST_CASE("an empty pattern has an empty order and no supernodes") {
+  const EliminationOrder order = approximate_minimum_degree({});
+  CHECK(order.node.empty());
+  CHECK(order.multiplications == 0.0);
+  const SymbolicCholesky symbolic(BlockPattern{}, order);
+  CHECK(symbolic.size() == 0);
+  CHECK(symbolic.supernodes().empty());
+}
+
+TEST_CASE("what is no pattern of a symmetric matrix is refused") {
+  BlockPattern pattern;
+  pattern.start = {0, 1};
+  pattern.row = {1};  // beyond the last row
+  CHECK_THROWS_AS(approximate_minimum_degree(pattern), std::logic_error);
+}
+
+TEST_CASE("long paths and deep trees do not exhaust the stack") {
+  constexpr Index n = 200000;
+  BlockPattern pattern;
+  for (Index i = 0; i < n; ++i) {
+    pattern.row.push_back(i);
+    if (i + 1 < n) pattern.row.push_back(i + 1);
+    pattern.start.push_back(static_cast<Index>(pattern.row.size()));
+  }
+  // In this order the elimination tree is one long chain.
+  const SymbolicCholesky symbolic(pattern, EliminationOrder{numbers(n)});
+  CHECK(symbolic.size() == n);
+  CHECK(symbolic.node() == numbers(n));
+}
