@@ -37,7 +37,7 @@ class Settings:
 class Run:
     """One run of a solver: a `Measurement` without the rotations, and rotavg's `Evaluation`.
 
-    `excess` is (f - f*) / f*, f* the least objective that any run of the session found.
+    `excess` is (f - f*) / f*, f* the least objective that any run found.
     """
 
     solver: str

@@ -137,7 +137,7 @@ def main(
             raise click.ClickException(str(error)) from None
         results.append(compare(case, kept, settings, say))
         report.print_table(console, results[-1])
-        # After every graph, as a long session may be interrupted.
+        # After every graph, as a long run may be interrupted.
         record.write_json(
             output / "results.json",
             machine=before,

@@ -68,9 +68,11 @@ class Certificate:
         lambda_min: smallest eigenvalue of Lambda - Rt, Lambda symmetrised; zero to rounding at the
             optimum, negative where the rotations are refuted, NaN where it is not known.
         gap: bound on f(R) - f*, where f* is the global optimum. Rounding is included.
-        relative_gap: gap / max(f, 1e-6 sum of weights), of the worst component.
-        method: "factorization" (a proof), "eigenvalue" (an estimate), "nonnegativity" (a proof: the
-            objective itself is zero to the tolerance) or "none" (stopped, or not converged).
+        relative_gap: gap / max(f, 1e-6 sum of weights), of the worst component; in the sum no edge
+            counts for more than 1000 times the lightest.
+        method: "factorization" or "connectivity" (proofs, the latter on dense graphs),
+            "nonnegativity" (a proof: the objective itself is zero to the tolerance), "eigenvalue"
+            (an estimate) or "none" (stopped, or not converged).
     """
 
     verdict: Verdict

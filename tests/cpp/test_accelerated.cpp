@@ -100,7 +100,7 @@ TEST_CASE("every iteration ends no higher than the plain step from where it bega
       };
       const auto measure = [](const Quaternions&, const Quaternions&) { return 0.0; };
       const IterationResult result =
-          accelerate<ResidualQuaternions>(graph, to_quaternions(start), monitor, step, measure);
+          accelerate<ResidualQuaternions>(graph, start, monitor, step, measure);
       REQUIRE(calls == result.iterations);
       int below = 0;
       for (int k = 0; k < result.iterations; ++k) {

@@ -152,7 +152,9 @@ TEST_CASE("one analysis serves matrices of every block size") {
       // Twice the degrees on the diagonal are positive definite without any noise model.
       const auto values = elimination.assemble<3>(
           [&](Index i) -> Matrix3 { return 2.0 * graph.degree(i) * Matrix3::Identity(); },
-          [&](Index k) -> Matrix3 { return -graph.edges()[k].weight * graph.edges()[k].i_from_j; });
+          [&](Index edge) -> Matrix3 {
+            return -graph.edges()[edge].weight * graph.edges()[edge].i_from_j;
+          });
       REQUIRE(blocks.factorize(values) == CholeskyOutcome::positive_definite);
       const MatrixXd x = test::normal_matrix(random, scalar.size(), 3);
       REQUIRE((scalar.solve(part_of<1>(L, elimination) * x) - x).norm() <= 1e-10 * x.norm());

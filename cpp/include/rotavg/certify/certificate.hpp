@@ -51,7 +51,8 @@ struct Certificate {
   double gap = std::numeric_limits<double>::infinity();
   /// The largest gap / max(f, 1e-6 sum w) of a component. Below a root mean square residual of 1e-3
   /// the criterion is absolute: rounding alone keeps any proof from resolving smaller objectives.
-  /// (Where weights differ by more than a factor of 1000, no edge's w counts for more than the median.)
+  /// (Where weights differ by more than a factor of 1000, no edge's w counts for more than the
+  /// median.)
   double relative_gap = std::numeric_limits<double>::infinity();
 };
 
@@ -60,34 +61,37 @@ namespace detail {
 /// What the gap of one component is held against.
 struct Measure {
   double objective = 0.0;  ///< its part of f(R), plus what rounding can have taken away
-  /// Sum of w, where the weights lie within a factor of 1000; else no edge counts for more than the
-  /// median, or a few heavy edges would hide all that the others say.
+  /// Sum of w, where no edge counts for more than 1000 times the lightest: or a few heavy edges
+  /// would hide all that the others say.
   double weight = 0.0;
 
-  double relative(double gap) const { return gap / std::max(objective, 1e-6 * weight); }
+  double relative(double gap) const {
+    const double floor = 1e-6 * weight;
+    return gap / (objective < floor ? floor : objective);  // NaN where the objective is
+  }
 };
 
 inline std::vector<Measure> measure_components(const ResidualQuaternions& residuals,
                                                const Components& components) {
   const MeasurementGraph& graph = residuals.graph();
-  const bool uneven = graph.max_weight() > 1e3 * graph.min_weight();
   std::vector<Measure> measures(components.nodes.size());
-  std::vector<std::vector<double>> weights(measures.size());
+  std::vector<double> lightest(measures.size(), std::numeric_limits<double>::infinity());
   for (Index k = 0; k < graph.num_edges(); ++k) {
     const Index c = components.label[graph.quaternion_edges()[k].i];
     const double weight = residuals()[k].squaredNorm();
     measures[c].objective += 8.0 * residuals()[k].head<3>().squaredNorm();
     measures[c].weight += weight;
-    if (uneven) weights[c].push_back(weight);
+    lightest[c] = std::min(lightest[c], weight);
   }
-  for (std::size_t c = 0; c < measures.size(); ++c) {
-    Measure& measure = measures[c];
+  for (Measure& measure : measures) {
     measure.objective += objective_rounding(measure.weight, measure.objective);
-    if (weights[c].empty()) continue;
-    const auto median = weights[c].begin() + static_cast<std::ptrdiff_t>(weights[c].size() / 2);
-    std::nth_element(weights[c].begin(), median, weights[c].end());
-    measure.weight = 0.0;
-    for (const double weight : weights[c]) measure.weight += std::min(weight, *median);
+  }
+  constexpr double most = 1000.0;
+  if (graph.max_weight() <= most * graph.min_weight()) return measures;
+  for (Measure& measure : measures) measure.weight = 0.0;
+  for (Index k = 0; k < graph.num_edges(); ++k) {
+    const Index c = components.label[graph.quaternion_edges()[k].i];
+    measures[c].weight += std::min(residuals()[k].squaredNorm(), most * lightest[c]);
   }
   return measures;
 }
@@ -154,15 +158,18 @@ inline Certificate certify(const MeasurementGraph& graph, const Rotations& R,
     const ComponentBound bound = detail::bound_component(S, eliminations[c], options);
     const detail::Measure& measure = measures[c];
     // f* >= 0 is a bound as well, and a proof where nothing is left to gain.
-    const double gap = std::min(bound.gap, measure.objective);
     const bool nothing_left = measure.relative(measure.objective) <= options.tolerance;
-    const auto method =
-        nothing_left ? std::min(bound.method, CertificateMethod::nonnegativity) : bound.method;
+    const bool by_nonnegativity = nothing_left && bound.method > CertificateMethod::nonnegativity;
+    const auto method = by_nonnegativity ? CertificateMethod::nonnegativity : bound.method;
+    const double gap =
+        !by_nonnegativity && bound.gap < measure.objective ? bound.gap : measure.objective;
     certificate.method = std::max(certificate.method, method);
     certificate.gap += gap;
-    certificate.relative_gap = std::max(certificate.relative_gap, measure.relative(gap));
-    // A NaN stays.
-    if (!(certificate.lambda_min <= bound.lambda_min)) certificate.lambda_min = bound.lambda_min;
+    // A NaN stays, here and in lambda_min. That is never positive, as N^T S N = 0.
+    const double relative_gap = measure.relative(gap);
+    if (!(relative_gap <= certificate.relative_gap)) certificate.relative_gap = relative_gap;
+    const double lambda_min = bound.lambda_min > 0.0 ? 0.0 : bound.lambda_min;
+    if (!(certificate.lambda_min <= lambda_min)) certificate.lambda_min = lambda_min;
   }
   certificate.verdict = !(certificate.relative_gap <= options.tolerance) ? Verdict::not_certified
                         : certificate.method == CertificateMethod::eigenvalue ? Verdict::estimated

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdlib>
+#include <limits>
 #include <memory>
 #include <new>
 
@@ -19,13 +21,14 @@ class Buffer {
   /// @throws std::bad_alloc
   explicit Buffer(std::size_t size) {
     constexpr std::size_t small = 64, huge_page = std::size_t{1} << 21;
-    const std::size_t bytes = size * sizeof(double);
+    if (size > std::numeric_limits<std::size_t>::max() / (2 * sizeof(double)))
+      throw std::bad_alloc();
+    const std::size_t bytes = std::max<std::size_t>(size * sizeof(double), 1);
     const std::size_t alignment = bytes < huge_page ? small : huge_page;
-    const std::size_t rounded = (bytes / alignment + 1) * alignment;
-    if (rounded < bytes) throw std::bad_alloc();
+    const std::size_t rounded = (bytes + alignment - 1) / alignment * alignment;
     data_.reset(static_cast<double*>(std::aligned_alloc(alignment, rounded)));
     if (!data_) throw std::bad_alloc();
-#ifdef __linux__
+#ifdef MADV_HUGEPAGE
     if (alignment == huge_page) madvise(data_.get(), rounded, MADV_HUGEPAGE);  // only advice
 #endif
   }

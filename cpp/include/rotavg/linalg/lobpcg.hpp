@@ -57,21 +57,22 @@ struct WithImage {
 };
 
 /// An orthonormal basis of the columns of several blocks, in their order; columns that depend on
-/// those before them, to working precision, are left out.
+/// those before them, to working precision, are left out. Where little is left of a column, its
+/// image would be a difference of large numbers: there A is applied anew.
 inline WithImage orthonormal_basis(std::initializer_list<const WithImage*> blocks,
-                                   Eigen::Index rows, Eigen::Index max_size) {
+                                   const LinearOperator& A, Eigen::Index rows,
+                                   Eigen::Index max_size) {
+  constexpr double little = 0.1;
   WithImage basis{Eigen::MatrixXd(rows, max_size), Eigen::MatrixXd(rows, max_size)};
   Eigen::Index size = 0;
   for (const WithImage* block : blocks) {
     for (Eigen::Index c = 0; c < block->V.cols() && size < max_size; ++c) {
       auto v = basis.V.col(size);
       auto Av = basis.AV.col(size);
-      v = block->V.col(c);
-      Av = block->AV.col(c);
-      double norm = v.norm();
+      const double norm = block->V.col(c).norm();
       if (!(norm > 0.0) || !std::isfinite(norm)) continue;
-      v /= norm;
-      Av /= norm;
+      v = block->V.col(c) / norm;
+      Av = block->AV.col(c) / norm;
       for (int pass = 0; pass < 2; ++pass) {  // twice is enough
         for (Eigen::Index k = 0; k < size; ++k) {
           const double along = basis.V.col(k).dot(v);
@@ -79,10 +80,11 @@ inline WithImage orthonormal_basis(std::initializer_list<const WithImage*> block
           Av -= along * basis.AV.col(k);
         }
       }
-      norm = v.norm();
-      if (norm < 1e-8) continue;
-      v /= norm;
-      Av /= norm;
+      const double left = v.norm();
+      if (left < 1e-8) continue;
+      v /= left;
+      Av /= left;
+      if (left < little) Av = A(v);
       ++size;
     }
   }
@@ -133,7 +135,7 @@ inline Eigenpair smallest_eigenpair(const LinearOperator& A, const LinearOperato
   int idle = 0;  // iterations in which theta hardly fell
   for (int iteration = 0;; ++iteration) {
     // Rayleigh-Ritz on span [X W P]
-    const detail::WithImage basis = detail::orthonormal_basis({&X, &W, &P}, rows, max_size);
+    const detail::WithImage basis = detail::orthonormal_basis({&X, &W, &P}, A, rows, max_size);
     const auto& [V, AV] = basis;
     if (V.cols() == 0) return best;
     const MatrixXd H = inner_products(V, AV);
@@ -141,7 +143,7 @@ inline Eigenpair smallest_eigenpair(const LinearOperator& A, const LinearOperato
     const Eigen::Index k = std::min(start.cols(), V.cols());
     const MatrixXd C = ritz.vectors.leftCols(k);
     const Eigen::Index others = std::max<Eigen::Index>(V.cols() - X.V.cols(), 0);
-    X = {combinations(V, C), combinations(AV, C)};
+    X = with_image(combinations(V, C));  // anew, so that no error piles up
     P = {combinations(V.rightCols(others), C.bottomRows(others)),
          combinations(AV.rightCols(others), C.bottomRows(others))};
     const MatrixXd residual = project(X.AV - X.V * ritz.values.head(k).asDiagonal());

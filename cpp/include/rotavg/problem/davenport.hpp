@@ -62,6 +62,10 @@ class DavenportMatrices {
   /// @param q world_from_i, one unit quaternion per node
   DavenportMatrices(const MeasurementGraph& graph, const Quaternions& q, int num_threads)
       : graph_(&graph), num_threads_(num_threads), K_(q.size(), Matrix4::Zero()) {
+    // Sums of q terms of one sign can round the same way every time.
+    for (Index l = 0; l < graph.num_nodes(); ++l) {
+      difference_rounding_ += 1e-15 * (graph.row(l).size() + 8.0) * graph.degree(l);
+    }
     update(q);
   }
 
@@ -79,9 +83,8 @@ class DavenportMatrices {
     });
     gradient_ = {std::sqrt(sums.gradient.squares), sums.gradient.largest};
     objective_ = sums.objective;
-    objective_rounding_ =
-        1e-14 * std::sqrt(2.0 * graph.num_edges() / graph.num_nodes()) * graph.total_weight();
-    if (objective_ < 1e5 * objective_rounding_) {  // too few digits are left of the difference
+    objective_rounding_ = difference_rounding_;
+    if (!(objective_ > 1e9 * objective_rounding_)) {  // too few digits are left of the difference
       objective_ = rotavg::objective(graph, q, num_threads_);
       objective_rounding_ = rotavg::objective_rounding(graph, objective_);
     }
@@ -107,7 +110,7 @@ class DavenportMatrices {
   const MeasurementGraph* graph_;
   int num_threads_;
   std::vector<Matrix4> K_;
-  double objective_ = 0.0, objective_rounding_ = 0.0;
+  double objective_ = 0.0, objective_rounding_ = 0.0, difference_rounding_ = 0.0;
   GradientNorm gradient_;
 };
 

@@ -53,7 +53,7 @@ struct GradientSums {
   double largest = 0.0;
   GradientSums& operator+=(const GradientSums& other) {
     squares += other.squares;
-    largest = std::max(largest, other.largest);
+    if (!(other.largest <= largest)) largest = other.largest;  // a NaN stays
     return *this;
   }
 };

@@ -20,13 +20,24 @@ using WeightedQuaternion = Eigen::Quaternion<double, Eigen::DontAlign>;
 using Matrix4 = Eigen::Matrix4d;
 using Vector4 = Eigen::Vector4d;
 
+inline Quaternion to_quaternion(const Matrix3& R) { return Quaternion(R).normalized(); }
+
 inline Quaternions to_quaternions(const Rotations& R) {
   Quaternions q;
   q.reserve(R.size());
-  for (const Matrix3& R_i : R) q.push_back(Quaternion(R_i).normalized());
+  for (const Matrix3& R_i : R) q.push_back(to_quaternion(R_i));
   return q;
 }
 
+/// @param start rotations from which q set out: what has not changed since keeps its bits
+inline Rotations to_rotations(const Quaternions& q, const Rotations& start) {
+  Rotations R(start);
+  for (std::size_t i = 0; i < R.size(); ++i) {
+    const bool same = (q[i].coeffs().array() == to_quaternion(R[i]).coeffs().array()).all();
+    if (!same) R[i] = q[i].toRotationMatrix();
+  }
+  return R;
+}
 inline Rotations to_rotations(const Quaternions& q) {
   Rotations R;
   R.reserve(q.size());
@@ -86,15 +97,17 @@ inline double chordal_distance(const Quaternion& a, const Quaternion& b) {
 ///
 /// Two steps of the power method from a good start are as exact as the next iteration needs, and
 /// q^T K q never falls. Where they still move much, because the start is far or the maximum flat,
-/// the answer comes from the exact kernel.
+/// or may have met another eigenvector than the largest, the answer comes from the exact kernel.
 inline Quaternion loso(const Matrix4& K, const Quaternion& start) {
   constexpr double much = 0.01;  // radians
-  const double scale = 1.0 / K.trace();
-  const Vector4 x = scale * (K * start.coeffs());
-  const Vector4 y = scale * (K * x);
+  const double trace = K.trace();
+  if (!(trace > 0.0)) return start;
+  const Vector4 x = K * start.coeffs() / trace;
+  const Vector4 y = K * x / trace;
   const double xx = x.squaredNorm(), yy = y.squaredNorm(), xy = x.dot(y);
-  // sin^2 of the angle between them; K x may vanish
-  if (xx * yy - xy * xy <= much * much * xx * yy && xx > 1e-6 && yy > 1e-12) {
+  // sin^2 of the angle between them; K x may vanish. More than half of the trace is the largest
+  // eigenvalue for sure.
+  if (xx * yy - xy * xy <= much * much * xx * yy && yy > 0.0625) {
     return Quaternion(Vector4(y / std::sqrt(yy)));
   }
   Matrix3 M;  // as weighted_rotation, with K_ab for the product of a and b

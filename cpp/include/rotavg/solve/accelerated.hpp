@@ -30,10 +30,10 @@ namespace rotavg {
 ///        not higher but for rounding; `after` receives the evaluation there
 /// @param measure `double measure(q, next)`: the paper's measure of an iteration
 template <typename Evaluation, typename Step, typename Measure>
-IterationResult accelerate(const MeasurementGraph& graph, Quaternions q, Monitor& monitor,
+IterationResult accelerate(const MeasurementGraph& graph, const Rotations& R, Monitor& monitor,
                            Step&& step, Measure&& measure) {
   AndersonMixing anderson(graph, monitor.num_threads());
-  Quaternions next(q), mixed(q);
+  Quaternions q = to_quaternions(R), next(q), mixed(q);
   Evaluation at(graph, q, monitor.num_threads()), after(at), at_mixed(at);
   double size = 0.0, lowest = at.objective();
   while (!monitor.should_stop(at.objective(), at.gradient_norm(), size)) {
@@ -52,7 +52,7 @@ IterationResult accelerate(const MeasurementGraph& graph, Quaternions q, Monitor
     std::swap(q, next);
     std::swap(at, after);
   }
-  return std::move(monitor).result(to_rotations(q));
+  return std::move(monitor).result(to_rotations(q, R));
 }
 
 /// Block coordinate descent (Algorithm 2), accelerated. An iteration is two sweeps, to and fro:
@@ -77,7 +77,7 @@ inline IterationResult accelerated_bcd(const MeasurementGraph& graph, const Rota
     }
     return sum;
   };
-  return accelerate<ResidualQuaternions>(graph, to_quaternions(R), monitor, step, measure);
+  return accelerate<ResidualQuaternions>(graph, R, monitor, step, measure);
 }
 
 /// Successive upper-bound minimisation (Algorithm 3), accelerated.
@@ -94,7 +94,7 @@ inline IterationResult accelerated_sum(const MeasurementGraph& graph, const Rota
     return std::sqrt(change2 / (3.0 * graph.num_nodes()));
   };
   SumStep step(graph, mu_rule, monitor);
-  return accelerate<DavenportMatrices>(graph, to_quaternions(R), monitor, step, measure);
+  return accelerate<DavenportMatrices>(graph, R, monitor, step, measure);
 }
 
 }  // namespace rotavg

@@ -56,7 +56,7 @@ inline IterationResult bcd(const MeasurementGraph& graph, const Rotations& R,
     step = bcd_sweep(graph, q, monitor);
     residuals.update(q);
   }
-  return std::move(monitor).result(to_rotations(q));
+  return std::move(monitor).result(to_rotations(q, R));
 }
 
 }  // namespace rotavg

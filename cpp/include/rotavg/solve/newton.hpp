@@ -92,18 +92,23 @@ inline IterationResult newton(const MeasurementGraph& graph, const Rotations& R,
 
     double t = 1.0;
     for (int k = 0;; ++k, t *= 0.5) {
-      if (k == max_halvings) t = 0.0;
+      if (k == max_halvings) {  // rounding, or no direction of descent: a sweep never rises
+        next = q;
+        bcd_sweep(graph, next, monitor);
+        residuals.update(next);
+        break;
+      }
       parallel_for(graph.num_nodes(), num_threads, [&](Index i) {
         next[i] = graph.row(i).size() == 0 ? q[i] : turned(q[i], t * w.row(i).transpose());
       });
       residuals.update(next);
       const double enough = f + sufficient * t * slope + objective_rounding(graph, f);
-      if (residuals.objective() <= enough || k == max_halvings) break;
+      if (residuals.objective() <= enough) break;
     }
     step = t * std::sqrt(2.0 / 3.0 * w.squaredNorm() / graph.num_nodes());
     std::swap(q, next);
   }
-  return std::move(monitor).result(to_rotations(q));
+  return std::move(monitor).result(to_rotations(q, R));
 }
 
 /// The same with a metric of its own.

@@ -108,7 +108,7 @@ inline IterationResult sum(const MeasurementGraph& graph, const Rotations& R,
     std::swap(q, next);
     std::swap(at, after);
   }
-  return std::move(monitor).result(to_rotations(q));
+  return std::move(monitor).result(to_rotations(q, R));
 }
 
 }  // namespace rotavg
