@@ -116,8 +116,9 @@ TEST_CASE("every step of every solver lowers the objective, up to its rounding")
             for (std::size_t k = 1; k < result.trace.size(); ++k) {
               const double before = result.trace[k - 1].objective;
               CAPTURE(k);
-              REQUIRE(result.trace[k].objective <=
-                      before * (1.0 + 1e-12) + 4.0 * objective_rounding(graph, before));
+              // SUM's objective is a difference, good to 1e-9 of itself (DavenportMatrices).
+              const double rounding = 4.0 * objective_rounding(graph, before) + 1e-9 * before;
+              REQUIRE(result.trace[k].objective <= before + rounding);
             }
           }
         }
