@@ -31,7 +31,8 @@ struct Names<rotavg::Method> {
       {rotavg::Method::automatic, "auto"},
       {rotavg::Method::bcd, "bcd"},
       {rotavg::Method::sum, "sum"},
-      {rotavg::Method::newton, "newton"}};
+      {rotavg::Method::newton, "newton"},
+      {rotavg::Method::staircase, "staircase"}};
 };
 
 template <>
@@ -86,6 +87,7 @@ struct Names<rotavg::CertificateMethod> {
       {rotavg::CertificateMethod::none, "none"},
       {rotavg::CertificateMethod::factorization, "factorization"},
       {rotavg::CertificateMethod::connectivity, "connectivity"},
+      {rotavg::CertificateMethod::relaxation, "relaxation"},
       {rotavg::CertificateMethod::eigenvalue, "eigenvalue"},
       {rotavg::CertificateMethod::nonnegativity, "nonnegativity"}};
 };
@@ -111,13 +113,21 @@ Enum value_of(const std::string& name) {
                       "'; expected one of: " + known);
 }
 
-inline py::dict certificate_dict(const rotavg::Certificate& certificate) {
+inline py::dict certificate_dict(const rotavg::ComponentCertificate& certificate) {
   py::dict result;
   result["verdict"] = name_of(certificate.verdict);
   result["method"] = name_of(certificate.method);
   result["lambda_min"] = certificate.lambda_min;
   result["gap"] = certificate.gap;
   result["relative_gap"] = certificate.relative_gap;
+  return result;
+}
+
+inline py::dict certificate_dict(const rotavg::Certificate& certificate) {
+  py::dict result = certificate_dict(static_cast<const rotavg::ComponentCertificate&>(certificate));
+  py::list components;
+  for (const auto& part : certificate.components) components.append(certificate_dict(part));
+  result["components"] = components;
   return result;
 }
 

@@ -51,7 +51,7 @@ py::dict solution_dict(const rotavg::Solution& s) {
 
 py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
                const std::string& init, const std::optional<DoubleArray>& start, std::uint64_t seed,
-               const std::string& mu, bool accelerate, const std::string& stop, double tolerance,
+               const std::string& mu, bool accelerate, int max_rank, const std::string& stop, double tolerance,
                int max_iterations, double time_limit, int num_threads, bool certify,
                double certificate_tolerance, const std::optional<py::function>& callback) {
   SignalCheck signals;
@@ -61,6 +61,7 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
   options.seed = seed;
   options.mu = value_of<rotavg::MuRule>(mu);
   options.accelerate = accelerate;
+  options.max_rank = max_rank;
   options.certify = certify;
   options.certificate.tolerance = certificate_tolerance;
   options.iteration.stop = value_of<rotavg::StopRule>(stop);
@@ -111,7 +112,7 @@ void bind_solve(py::module_& m) {
             .format(p.iteration, p.objective, p.gradient_norm, p.step, p.seconds);
       });
   m.def("solve", &solve, py::arg("graph"), py::kw_only(), py::arg("method"), py::arg("init"),
-        py::arg("start"), py::arg("seed"), py::arg("mu"), py::arg("accelerate"), py::arg("stop"),
+        py::arg("start"), py::arg("seed"), py::arg("mu"), py::arg("accelerate"), py::arg("max_rank"), py::arg("stop"),
         py::arg("tolerance"), py::arg("max_iterations"), py::arg("time_limit"),
         py::arg("num_threads"), py::arg("certify"), py::arg("certificate_tolerance"),
         py::arg("callback"));

@@ -24,11 +24,20 @@ from rotavg.graph import MeasurementGraph
 from rotavg.hardness import Hardness, hardness
 from rotavg.io import read, write
 from rotavg.simulate import Simulation, simulate
-from rotavg.solution import Certificate, Solution, Status, Timings, Trace, Verdict
+from rotavg.solution import (
+    Certificate,
+    ComponentCertificate,
+    Solution,
+    Status,
+    Timings,
+    Trace,
+    Verdict,
+)
 from rotavg.solve import certify, gradient, objective, solve
 
 __all__ = [
     "Certificate",
+    "ComponentCertificate",
     "Error",
     "FileAccessError",
     "FormatError",

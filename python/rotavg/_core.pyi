@@ -51,6 +51,7 @@ def solve(
     seed: int,
     mu: str,
     accelerate: bool,
+    max_rank: int,
     stop: str,
     tolerance: float,
     max_iterations: int,

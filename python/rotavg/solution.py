@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -57,8 +57,8 @@ class Verdict(str, enum.Enum):
 
 
 @dataclass(frozen=True)
-class Certificate:
-    """How far the objective can be from the global optimum.
+class ComponentCertificate:
+    """How far the objective can be from the global optimum, in one connected component.
 
     Source: Theorem 1 of Dong, Xie and Shi (2021), extended by a bound that holds at any rotations,
     stationary or not.
@@ -68,11 +68,12 @@ class Certificate:
         lambda_min: smallest eigenvalue of Lambda - Rt, Lambda symmetrised; zero to rounding at the
             optimum, negative where the rotations are refuted, NaN where it is not known.
         gap: bound on f(R) - f*, where f* is the global optimum. Rounding is included.
-        relative_gap: gap / max(f, 1e-6 sum of weights), of the worst component; in the sum no edge
-            counts for more than 1000 times the lightest.
-        method: "factorization" or "connectivity" (proofs, the latter on dense graphs),
-            "nonnegativity" (a proof: the objective itself is zero to the tolerance), "eigenvalue"
-            (an estimate) or "none" (stopped, or not converged).
+        relative_gap: gap / max(f, 1e-6 sum of weights); in the sum no edge counts for more than
+            1000 times the lightest.
+        method: "factorization" or "connectivity" (proofs, the latter on dense graphs), "relaxation"
+            (a proof: the staircase met the optimum of the relaxation, which is below all
+            rotations), "nonnegativity" (a proof: the objective itself is zero to the tolerance),
+            "eigenvalue" (an estimate) or "none" (stopped, or not converged).
     """
 
     verdict: Verdict
@@ -80,6 +81,20 @@ class Certificate:
     gap: float
     relative_gap: float
     method: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "verdict", Verdict(self.verdict))
+
+
+@dataclass(frozen=True)
+class Certificate(ComponentCertificate):
+    """The certificate of a graph: the gap over all components, and for all else the worst of them.
+
+    Attributes:
+        components: one ComponentCertificate each, numbered as in `Solution.component`.
+    """
+
+    components: tuple[ComponentCertificate, ...] = field(default=(), repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,6 +251,8 @@ class Solution:
             return "not certified: the work was stopped before the proof"
         if not self.status.converged:
             return "not certified: not converged yet"
+        if c.method == "relaxation":
+            return "not certified: the relaxation lies below, so that the gap may be smaller than told"
         return c.verdict.sentence
 
     def __repr__(self) -> str:

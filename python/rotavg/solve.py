@@ -14,9 +14,9 @@ from rotavg import _core
 from rotavg.arrays import as_floats, read_only
 from rotavg.errors import GraphError, OptionError
 from rotavg.graph import MeasurementGraph
-from rotavg.solution import Certificate, Solution, Status, Timings, Trace, Verdict
+from rotavg.solution import Certificate, ComponentCertificate, Solution, Status, Timings, Trace
 
-Method = Literal["auto", "bcd", "sum", "newton"]
+Method = Literal["auto", "bcd", "sum", "newton", "staircase"]
 Init = Literal["auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random"]
 Stop = Literal["gradient", "step"]
 Mu = Literal["adaptive", "min_eigenvalue"]
@@ -40,6 +40,7 @@ def solve(
     callback: Callback | None = None,
     mu: Mu = "adaptive",
     accelerate: bool = False,
+    max_rank: int = 10,
     seed: int = 0,
     certificate_tolerance: float = 1e-6,
 ) -> Solution:
@@ -49,7 +50,10 @@ def solve(
         graph: the measurements.
         method: "bcd" (block coordinate descent, Algorithm 2 of Dong, Xie and Shi 2021), "sum"
             (successive upper-bound minimisation, Algorithm 3, parallel), "newton" (Newton's method
-            in the metric of the graph Laplacian), or "auto", which watches and chooses.
+            in the metric of the graph Laplacian), "staircase" (the Riemannian staircase of Boumal
+            2015: the problem in 5 and more dimensions, where starts hardly matter, and down from
+            there), or "auto", which watches and chooses, and climbs the staircase where an answer
+            is refuted.
         init: the initial value: "shortest_path" (Lemma 3), "spanning_tree" (along the edges that
             agree best with the triangles around them, after Enqvist, Kahl and Olsson 2011: the one
             for outliers), "chordal" (the linear relaxation of Martinec and Pajdla 2007),
@@ -72,6 +76,7 @@ def solve(
         accelerate: whether "bcd" and "sum" extrapolate from their last few iterates (Anderson's
             mixing, safeguarded): on trajectories it saves most of the iterations. One of "bcd" is
             then two sweeps, to and fro. The other methods have no use for it.
+        max_rank: how many dimensions the staircase may climb to; below 5 it is not used.
         seed: of the "random" initial value.
         certificate_tolerance: the largest relative gap that is called optimal.
 
@@ -95,6 +100,7 @@ def solve(
         seed=_whole("seed", seed, 0, 2**64 - 1),
         mu=mu,
         accelerate=bool(accelerate),
+        max_rank=_whole("max_rank", max_rank, 0, 100),
         stop=stop,
         tolerance=_nonnegative("tolerance", tolerance),
         max_iterations=_whole("max_iterations", max_iterations, 0, 2**31 - 1),
@@ -173,7 +179,8 @@ def gradient(graph: MeasurementGraph, rotations: ArrayLike) -> NDArray[np.float6
 def _certificate(core: dict[str, Any]) -> Certificate | None:
     if core["verdict"] == "not_run":
         return None
-    return Certificate(**{**core, "verdict": Verdict(core["verdict"])})
+    components = (ComponentCertificate(**part) for part in core["components"])
+    return Certificate(**{**core, "components": tuple(components)})
 
 
 def _call_core(

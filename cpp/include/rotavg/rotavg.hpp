@@ -21,6 +21,7 @@
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/problem/laplacian_metric.hpp>
+#include <rotavg/problem/lifted.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/loso.hpp>
@@ -29,7 +30,9 @@
 #include <rotavg/solve/accelerated.hpp>
 #include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/bcd.hpp>
+#include <rotavg/solve/lifted_newton.hpp>
 #include <rotavg/solve/newton.hpp>
 #include <rotavg/solve/solve.hpp>
+#include <rotavg/solve/staircase.hpp>
 #include <rotavg/solve/sum.hpp>
 #include <rotavg/version.hpp>

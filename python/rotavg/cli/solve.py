@@ -21,7 +21,7 @@ from rotavg.io import check_writable
 )
 @click.argument("input_path", metavar="INPUT", type=options.PATH)
 @click.option("-o", "--output", type=options.PATH, help="Write a .g2o, .txt, .csv or .npz file.")
-@choice("--method", ["auto", "bcd", "sum", "newton"], "auto", "Solver.")
+@choice("--method", ["auto", "bcd", "sum", "newton", "staircase"], "auto", "Solver.")
 @choice(
     "--init",
     ["auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random"],
@@ -41,6 +41,9 @@ from rotavg.io import check_writable
 @choice("--mu", ["adaptive", "min_eigenvalue"], "adaptive", "How --method sum chooses mu.")
 @click.option(
     "--accelerate", is_flag=True, help="Extrapolate, with --method bcd and sum: fewer iterations."
+)
+@number(
+    "--max-rank", click.IntRange(0, 100), 10, "How high the staircase climbs; below 5: not at all."
 )
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
 @options.unit_weights

@@ -10,6 +10,7 @@ namespace rotavg {
 enum class CertificateMethod {
   factorization,  ///< sparse Cholesky factorisation of S with a node removed
   connectivity,   ///< dense Cholesky factorisation: the connectivity outweighs the residuals
+  relaxation,     ///< the optimum of the relaxation (6), proved at a lifted point
   nonnegativity,  ///< f* >= 0, and f(R) is zero to the tolerance
   eigenvalue,     ///< LOBPCG estimate of the smallest eigenvalue
   none,           ///< stopped, or not converged, before anything was known
@@ -20,6 +21,12 @@ struct ComponentBound {
   CertificateMethod method = CertificateMethod::none;
   double gap = std::numeric_limits<double>::infinity();
   double lambda_min = std::numeric_limits<double>::quiet_NaN();
+};
+
+/// A lower bound on what f can be on one component: zero, or the optimum of the relaxation (6).
+struct LowerBound {
+  double value = 0.0;
+  CertificateMethod method = CertificateMethod::nonnegativity;  ///< how it is known
 };
 
 inline double value_or_nan(const Eigenpair& pair) {

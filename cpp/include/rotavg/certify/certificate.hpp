@@ -40,20 +40,24 @@ struct CertificateOptions {
 };
 
 /// How far the objective at R can be from the global optimum (Theorem 1, and beyond it for points
-/// that are not quite stationary).
-struct Certificate {
+/// that are not quite stationary), in one component or over all.
+struct ComponentCertificate {
   Verdict verdict = Verdict::not_run;
   CertificateMethod method = CertificateMethod::none;
   /// Smallest eigenvalue of S = Lambda - Rt, Lambda symmetrised; zero to rounding at the optimum.
   /// NaN where it is not known: the work was stopped, or the iteration did not converge.
   double lambda_min = 0.0;
-  /// f(R) - f* <= gap, over all components.
+  /// f(R) - f* <= gap.
   double gap = std::numeric_limits<double>::infinity();
-  /// The largest gap / max(f, 1e-6 sum w) of a component. Below a root mean square residual of 1e-3
-  /// the criterion is absolute: rounding alone keeps any proof from resolving smaller objectives.
-  /// (Where weights differ by more than a factor of 1000, no edge's w counts for more than the
-  /// median.)
+  /// gap / max(f, 1e-6 sum w). Below a root mean square residual of 1e-3 the criterion is absolute:
+  /// rounding alone keeps any proof from resolving smaller objectives. (No edge's w counts for more
+  /// than 1000 times the lightest.)
   double relative_gap = std::numeric_limits<double>::infinity();
+};
+
+/// The certificate of a graph: the gap over all components, and for all else the worst of them.
+struct Certificate : ComponentCertificate {
+  std::vector<ComponentCertificate> components;  ///< in their order
 };
 
 namespace detail {
@@ -108,30 +112,40 @@ inline ComponentBound bound_component(const CertificateMatrix& S, Elimination& e
     const bool stopped = options.keep_going && !options.keep_going();
     if (bound.method == CertificateMethod::connectivity || stopped) return bound;
   }
-  if (elimination.flops(3, limit) <= limit) {
-    BlockCholesky<3> cholesky(elimination.symbolic());
-    const auto outcome = cholesky.factorize(S.blocks(elimination), 0.0, options.keep_going);
-    if (outcome == CholeskyOutcome::stopped) return {};
-    return outcome == CholeskyOutcome::positive_definite
-               ? bound_by_grounded_factorization(S, cholesky, options.keep_going)
-               : bound_by_shifted_factorization(S, options.keep_going);
-  }
-  // S is at least theta on the complement of its null vectors N = R^T / sqrt(n), if LOBPCG met the
-  // smallest eigenvalue there, and |S N| <= epsilon couples the two: lambda_min(S) is at least the
-  // smallest eigenvalue of [0, epsilon; epsilon, theta].
-  const Eigenpair pair = min_eigenvalue_on_complement(S, options.keep_going, 0.1, 1000);
-  const double theta = pair.value - pair.residual;
-  const double epsilon = S.leftover().norm() / std::sqrt(static_cast<double>(S.num_nodes()));
-  const double below_zero = 0.5 * (std::hypot(theta, 2.0 * epsilon) - theta);
-  ComponentBound bound;
-  if (!pair.converged) {  // a negative Rayleigh quotient refutes R all the same
-    if (pair.value < 0.0) bound.lambda_min = pair.value;
-    return bound;
-  }
-  bound.method = CertificateMethod::eigenvalue;
-  bound.gap = below_zero * static_cast<double>(S.size()) + S.rounding_trace();
-  bound.lambda_min = pair.value < 0.0 ? pair.value : -below_zero;
-  return bound;
+  if (elimination.flops(3, limit) > limit) return bound_by_eigenvalue(S, options.keep_going);
+  BlockCholesky<3> cholesky(elimination.symbolic());
+  const auto outcome = cholesky.factorize(S.blocks(elimination), 0.0, options.keep_going);
+  if (outcome == CholeskyOutcome::stopped) return {};
+  return outcome == CholeskyOutcome::positive_definite
+             ? bound_by_grounded_factorization(S, cholesky, options.keep_going)
+             : bound_certificate_matrix(S, limit, options.keep_going);
+}
+
+/// The larger of two numbers; NaN if one of them is.
+inline double larger(double a, double b) { return std::isnan(a) || b <= a ? a : b; }
+
+inline Verdict verdict_of(const ComponentCertificate& certificate, double tolerance) {
+  if (!(certificate.relative_gap <= tolerance)) return Verdict::not_certified;
+  return certificate.method == CertificateMethod::eigenvalue ? Verdict::estimated
+                                                             : Verdict::proved;
+}
+
+/// @param bound what S at R says
+/// @param known what is known besides: f* is not below it
+inline ComponentCertificate certify_component(const ComponentBound& bound, const LowerBound& known,
+                                              const Measure& measure, double tolerance) {
+  ComponentCertificate certificate;
+  certificate.method = bound.method;
+  certificate.gap = bound.gap;
+  certificate.lambda_min = bound.lambda_min > 0.0 ? 0.0 : bound.lambda_min;  // as N^T S N = 0
+  const double gap = measure.objective - known.value;
+  // A known bound is the better proof where it leaves nothing to gain.
+  const bool nothing_left = measure.relative(gap) <= tolerance && known.method < bound.method;
+  if (nothing_left || !(bound.gap < gap)) certificate.gap = gap;
+  if (nothing_left || (known.value > 0.0 && !(bound.gap < gap))) certificate.method = known.method;
+  certificate.relative_gap = measure.relative(certificate.gap);
+  certificate.verdict = verdict_of(certificate, tolerance);
+  return certificate;
 }
 
 }  // namespace detail
@@ -140,9 +154,11 @@ inline ComponentBound bound_component(const CertificateMatrix& S, Elimination& e
 ///
 /// @param R world_from_i, one rotation per node
 /// @param eliminations of all components, without their roots
+/// @param known lower bounds on the optimum of every component; none if empty
 inline Certificate certify(const MeasurementGraph& graph, const Rotations& R,
                            const Components& components, std::vector<Elimination>& eliminations,
-                           const CertificateOptions& options) {
+                           const CertificateOptions& options,
+                           const std::vector<LowerBound>& known = {}) {
   const int num_threads = resolve_num_threads(options.num_threads, graph.num_edges());
 
   const ResidualQuaternions residuals(graph, to_quaternions(R), num_threads);
@@ -150,30 +166,24 @@ inline Certificate certify(const MeasurementGraph& graph, const Rotations& R,
   const auto measures = detail::measure_components(residuals, components);
   Certificate certificate;
   certificate.gap = certificate.relative_gap = 0.0;
-  certificate.lambda_min = std::numeric_limits<double>::infinity();
   certificate.method = CertificateMethod::factorization;
   for (Index c = 0; c < components.size(); ++c) {
-    if (components.nodes[c].size() < 2) continue;
-    const CertificateMatrix S(sums, components, c);
-    const ComponentBound bound = detail::bound_component(S, eliminations[c], options);
-    const detail::Measure& measure = measures[c];
-    // f* >= 0 is a bound as well, and a proof where nothing is left to gain.
-    const bool nothing_left = measure.relative(measure.objective) <= options.tolerance;
-    const bool by_nonnegativity = nothing_left && bound.method > CertificateMethod::nonnegativity;
-    const auto method = by_nonnegativity ? CertificateMethod::nonnegativity : bound.method;
-    const double gap =
-        !by_nonnegativity && bound.gap < measure.objective ? bound.gap : measure.objective;
-    certificate.method = std::max(certificate.method, method);
-    certificate.gap += gap;
-    // A NaN stays, here and in lambda_min. That is never positive, as N^T S N = 0.
-    const double relative_gap = measure.relative(gap);
-    if (!(relative_gap <= certificate.relative_gap)) certificate.relative_gap = relative_gap;
-    const double lambda_min = bound.lambda_min > 0.0 ? 0.0 : bound.lambda_min;
-    if (!(certificate.lambda_min <= lambda_min)) certificate.lambda_min = lambda_min;
+    ComponentCertificate part;
+    if (components.nodes[c].size() < 2) {  // every rotation is optimal
+      part = {Verdict::proved, CertificateMethod::factorization, 0.0, 0.0, 0.0};
+    } else {
+      const ComponentBound bound = detail::bound_component(CertificateMatrix(sums, components, c),
+                                                           eliminations[c], options);
+      part = detail::certify_component(bound, known.empty() ? LowerBound{} : known[c], measures[c],
+                                       options.tolerance);
+    }
+    certificate.method = std::max(certificate.method, part.method);
+    certificate.gap += part.gap;
+    certificate.relative_gap = detail::larger(certificate.relative_gap, part.relative_gap);
+    certificate.lambda_min = -detail::larger(-certificate.lambda_min, -part.lambda_min);
+    certificate.components.push_back(part);
   }
-  certificate.verdict = !(certificate.relative_gap <= options.tolerance) ? Verdict::not_certified
-                        : certificate.method == CertificateMethod::eigenvalue ? Verdict::estimated
-                                                                              : Verdict::proved;
+  certificate.verdict = detail::verdict_of(certificate, options.tolerance);
   return certificate;
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Core>
@@ -11,7 +12,7 @@
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
-#include <rotavg/parallel/threads.hpp>
+#include <rotavg/problem/connection.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/quaternion.hpp>
@@ -42,6 +43,11 @@ class NodeSums {
       diagonal_[i].diagonal().array() += graph().degree(static_cast<Index>(i));
     }
   }
+
+  /// Of a lifted point, which has diagonal blocks of its own.
+  /// @param residuals must outlive this object
+  NodeSums(const ResidualQuaternions& residuals, std::vector<Matrix3> diagonal)
+      : residuals_(residuals), diagonal_(std::move(diagonal)) {}
 
   const MeasurementGraph& graph() const { return residuals_.graph(); }
   const ResidualQuaternions& residuals() const { return residuals_; }
@@ -76,6 +82,14 @@ class CertificateMatrix {
         component_(component),
         nodes_(components.nodes[component]) {}
 
+  /// S of a lifted point (problem/lifted.hpp), whose null vectors are others.
+  /// @param null_vectors 3n x k, orthonormal
+  CertificateMatrix(const NodeSums& sums, const Components& components, Index component,
+                    Eigen::MatrixXd null_vectors)
+      : CertificateMatrix(sums, components, component) {
+    lifted_null_vectors_ = std::move(null_vectors);
+  }
+
   const MeasurementGraph& graph() const { return sums_.graph(); }
   const ResidualQuaternions& residuals() const { return sums_.residuals(); }
   const Components& components() const { return components_; }
@@ -87,16 +101,11 @@ class CertificateMatrix {
 
   /// S X, without forming S.
   Eigen::MatrixXd apply(const Eigen::MatrixXd& X) const {
-    Eigen::MatrixXd Y(X.rows(), X.cols());
-    parallel_for(num_nodes(), residuals().num_threads(), [&](Index a) {
+    Eigen::MatrixXd Y = apply_connection(residuals(), components_, component_, X);
+    for (Index a = 0; a < num_nodes(); ++a) {
       auto Y_a = Y.middleRows<3>(3 * a);
-      Y_a = diagonal(a).lazyProduct(X.middleRows<3>(3 * a));
-      for (const HalfEdge& h : graph().row(nodes_[a])) {
-        const Quaternion e(residuals()()[h.edge()]);
-        const Matrix3 E = weighted_rotation(h.is_i() ? e : e.conjugate());
-        Y_a -= E.lazyProduct(X.middleRows<3>(3 * components_.row_in_component[h.node]));
-      }
-    });
+      Y_a = diagonal(a).lazyProduct(X.middleRows<3>(3 * a)) - Y_a;
+    }
     return Y;
   }
 
@@ -107,13 +116,18 @@ class CertificateMatrix {
     return X;
   }
 
-  /// N / sqrt(n), 3n x 3, orthonormal: the null vectors of S at a stationary point.
+  /// N / sqrt(n), 3n x 3, orthonormal: the null vectors of S at a stationary point. (Of a lifted
+  /// point there may be more.)
   Eigen::MatrixXd null_vectors() const {
+    if (lifted_null_vectors_.size() > 0) return lifted_null_vectors_;
     return Matrix3::Identity().replicate(num_nodes(), 1) / std::sqrt(double(num_nodes()));
   }
 
-  /// S N, 3n x 3: -skew(sum_j E_ij) = -[g_i / 4] with g the gradient.
+  /// S N: -skew(sum_j E_ij) = -[g_i / 4] with g the gradient.
   Eigen::MatrixXd leftover() const {
+    if (lifted_null_vectors_.size() > 0) {
+      return std::sqrt(double(num_nodes())) * apply(lifted_null_vectors_);
+    }
     Eigen::MatrixXd K(size(), 3);
     for (Index a = 0; a < num_nodes(); ++a) {
       K.middleRows<3>(3 * a) = hat(-0.25 * sums_.gradient(nodes_[a]));
@@ -153,6 +167,7 @@ class CertificateMatrix {
   const Components& components_;
   Index component_;
   const std::vector<Index>& nodes_;
+  Eigen::MatrixXd lifted_null_vectors_;
 };
 
 }  // namespace rotavg

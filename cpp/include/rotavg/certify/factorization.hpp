@@ -70,10 +70,12 @@ inline ComponentBound bound_by_grounded_factorization(const CertificateMatrix& S
 /// S + shift I > 0, which a factorisation of the whole of S proves. The shift starts near an
 /// estimate of -lambda_min, grows until the factorisation succeeds, and is then drawn down to the
 /// eigenvalue that the factor gives.
+///
+/// @param elimination of all nodes
 inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
+                                                     Elimination& elimination,
                                                      const std::function<bool()>& keep_going) {
   ComponentBound bound;
-  Elimination elimination(S.graph(), S.components(), S.component(), /*skipped=*/0);
   const BlockCholesky<3>::Blocks blocks = S.blocks(elimination);
   BlockCholesky<3> cholesky(elimination.symbolic());
   const double scale = S.max_degree();
@@ -105,6 +107,15 @@ inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
     bound.gap = std::min(bound.gap, gap_at(tight));
   }
   return bound;
+}
+
+/// The bound where S need not be positive definite without its first node: by a shifted
+/// factorisation, or, where that would take more than `max_flops`, an estimate.
+inline ComponentBound bound_certificate_matrix(const CertificateMatrix& S, double max_flops,
+                                               const std::function<bool()>& keep_going) {
+  Elimination whole(S.graph(), S.components(), S.component(), /*skipped=*/0);
+  if (whole.flops(3, max_flops) > max_flops) return bound_by_eigenvalue(S, keep_going);
+  return bound_by_shifted_factorization(S, whole, keep_going);
 }
 
 }  // namespace rotavg

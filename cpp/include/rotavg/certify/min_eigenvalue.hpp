@@ -6,6 +6,7 @@
 
 #include <Eigen/Core>
 
+#include <rotavg/certify/bound.hpp>
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/lobpcg.hpp>
@@ -70,6 +71,27 @@ inline Eigenpair min_eigenvalue_on_complement(const CertificateMatrix& S,
   return smallest_eigenpair([&](const Eigen::MatrixXd& X) { return S.apply(X); },
                             [&](const Eigen::MatrixXd& X) { return S.divide_by_degree(X); },
                             random_start(S.size(), block), S.null_vectors(), options);
+}
+
+/// An estimate of the bound where nothing can be factorised. S is at least theta on the complement
+/// of its null vectors N / sqrt(n), if LOBPCG met the smallest eigenvalue there, and |S N| / sqrt(n)
+/// = epsilon couples the two: lambda_min(S) is at least the smallest eigenvalue of [0, epsilon;
+/// epsilon, theta].
+inline ComponentBound bound_by_eigenvalue(const CertificateMatrix& S,
+                                          const std::function<bool()>& keep_going) {
+  const Eigenpair pair = min_eigenvalue_on_complement(S, keep_going, 0.1, 1000);
+  const double theta = pair.value - pair.residual;
+  const double epsilon = S.leftover().norm() / std::sqrt(static_cast<double>(S.num_nodes()));
+  const double below_zero = 0.5 * (std::hypot(theta, 2.0 * epsilon) - theta);
+  ComponentBound bound;
+  if (!pair.converged) {  // a negative Rayleigh quotient refutes R all the same
+    if (pair.value < 0.0) bound.lambda_min = pair.value;
+    return bound;
+  }
+  bound.method = CertificateMethod::eigenvalue;
+  bound.gap = below_zero * static_cast<double>(S.size()) + S.rounding_trace();
+  bound.lambda_min = pair.value < 0.0 ? pair.value : -below_zero;
+  return bound;
 }
 
 }  // namespace rotavg

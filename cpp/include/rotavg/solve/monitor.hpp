@@ -33,6 +33,7 @@ class Monitor {
   }
 
   int num_threads() const { return num_threads_; }
+  double seconds() const { return watch_.seconds(); }
 
   /// Takes note of what an iteration ended with (first: of the initial value).
   /// @returns whether the solver has to stop

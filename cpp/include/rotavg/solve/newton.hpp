@@ -17,45 +17,9 @@
 #include <rotavg/solve/monitor.hpp>
 #include <rotavg/solve/options.hpp>
 #include <rotavg/solve/result.hpp>
+#include <rotavg/solve/truncated_cg.hpp>
 
 namespace rotavg {
-
-namespace detail {
-
-struct NewtonBuffers {
-  NodeVectors w, r, z, p, Hp;
-};
-
-/// An approximate solution w of H w = -g by conjugate gradients with the preconditioner P (Steihaug
-/// 1983 without a radius): stops at |r|_P <= forcing |g|_P, and where the curvature is not
-/// positive. The first step alone is the Laplacian descent direction.
-inline const NodeVectors& newton_direction(const ResidualQuaternions& residuals, LaplacianMetric& P,
-                                           const NodeVectors& g, double forcing, int max_steps,
-                                           NewtonBuffers& buffers) {
-  auto& [w, r, z, p, Hp] = buffers;
-  w.setZero(g.rows(), 3);
-  r = g;  // H w + g
-  P.apply(r, z);
-  p = -z;
-  double rz = r.cwiseProduct(z).sum();
-  const double enough = forcing * forcing * rz;
-  for (int k = 0; k < max_steps; ++k) {
-    apply_hessian(residuals, p, Hp);
-    const double curvature = p.cwiseProduct(Hp).sum();
-    if (!(curvature > 0.0)) return k == 0 ? p : w;
-    const double alpha = rz / curvature;
-    w += alpha * p;
-    r += alpha * Hp;
-    P.apply(r, z);
-    const double rz_next = r.cwiseProduct(z).sum();
-    if (!(rz_next > enough)) break;
-    p = (rz_next / rz) * p - z;
-    rz = rz_next;
-  }
-  return w;
-}
-
-}  // namespace detail
 
 /// Newton's method on the product of rotations, R_i <- exp(w_i) R_i, with conjugate gradients
 /// preconditioned by the scalar graph Laplacian, and a line search that lets the objective fall at
@@ -74,20 +38,24 @@ inline IterationResult newton(const MeasurementGraph& graph, const Rotations& R,
   // Weights so far apart that L is singular to rounding leave no metric to descend in.
   const auto outcome = metric.factorize([&] { return monitor.keep_going(); });
   if (outcome == CholeskyOutcome::not_positive_definite) {
-    return bcd(graph, R, options);
+    IterationOptions rest = options;
+    rest.time_limit -= monitor.seconds();
+    return bcd(graph, R, rest);
   }
 
   Quaternions q = to_quaternions(R), next(q);
   ResidualQuaternions residuals(graph, q, num_threads);
   NodeVectors g(graph.num_nodes(), 3);
-  detail::NewtonBuffers buffers;
+  TruncatedCg<NodeVectors> newton_direction;
   double step = 0.0;
   while (!monitor.should_stop(residuals.objective(), residuals.gradient_norm(), step)) {
     parallel_for(graph.num_nodes(), num_threads,
                  [&](Index i) { g.row(i) = residuals.gradient(i).transpose(); });
     const double forcing = std::min(0.1, std::sqrt(monitor.relative_gradient()));
-    const NodeVectors& w =
-        detail::newton_direction(residuals, metric, g, forcing, max_cg_steps, buffers);
+    const NodeVectors& w = newton_direction(
+        g, forcing, max_cg_steps,
+        [&](const NodeVectors& p, NodeVectors& Hp) { apply_hessian(residuals, p, Hp); },
+        [&](const NodeVectors& r, NodeVectors& z) { metric.apply(r, z); });
     const double slope = g.cwiseProduct(w).sum(), f = residuals.objective();
 
     double t = 1.0;

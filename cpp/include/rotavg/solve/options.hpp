@@ -12,6 +12,8 @@ enum class Method {
   bcd,     ///< block coordinate descent, Algorithm 2
   sum,     ///< successive upper-bound minimisation, Algorithm 3
   newton,  ///< Newton's method in the metric of the graph Laplacian
+  /// the Riemannian staircase: up in rank at once, and down to rotations
+  staircase,
 };
 
 /// When an iteration has converged.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -24,6 +25,8 @@
 #include <rotavg/solve/newton.hpp>
 #include <rotavg/solve/options.hpp>
 #include <rotavg/solve/result.hpp>
+#include <rotavg/solve/staircase.hpp>
+#include <rotavg/solve/stopwatch.hpp>
 #include <rotavg/solve/sum.hpp>
 
 namespace rotavg {
@@ -46,6 +49,9 @@ struct SolveOptions {
   MuRule mu = MuRule::adaptive;
   bool accelerate = false;  ///< Anderson's mixing, of BCD and SUM; the others have no use for it
   bool certify = true;
+  /// How high the staircase climbs, by the automatic choice or by Method::staircase; below
+  /// Staircase::first_rank it is not used.
+  int max_rank = 10;
   CertificateOptions certificate;  ///< its threads and keep_going are set from `iteration`
   IterationOptions iteration;      ///< its time limit counts for everything together
 };
@@ -67,126 +73,231 @@ struct Solution : IterationResult {
 
 namespace detail {
 
-/// Whether there is time left and nobody wants the work to stop.
-inline std::function<bool()> keep_going(const SolveOptions& options, const Stopwatch& watch) {
-  return [&] {
-    return watch.seconds() < options.iteration.time_limit &&
-           (!options.iteration.keep_going || options.iteration.keep_going());
-  };
-}
+/// One call of solve(): what its runs from several initial values share.
+class FrontDoor {
+ public:
+  /// @param graph, options must outlive this object
+  FrontDoor(const MeasurementGraph& graph, const SolveOptions& options)
+      : graph_(graph),
+        options_(options),
+        components_(connected_components(graph)),
+        eliminations_(grounded_eliminations(graph, components_)),
+        keep_going_([this] {
+          return time_left() > 0.0 &&
+                 (!options_.iteration.keep_going || options_.iteration.keep_going());
+        }) {}
 
-/// @returns none where it would cost more than options.certificate.max_factorization_flops, or the
-///          time is up
-inline std::optional<Rotations> initial_value(const MeasurementGraph& graph,
-                                              std::vector<Elimination>& eliminations,
-                                              Initialization init, const SolveOptions& options,
-                                              const Stopwatch& watch) {
-  const double max_flops = options.certificate.max_factorization_flops;
-  switch (init) {
-    case Initialization::spanning_tree:
-      return spanning_tree_init(graph);
-    case Initialization::chordal:
-      return chordal_init(graph, eliminations, max_flops, keep_going(options, watch));
-    case Initialization::quaternion:
-      return quaternion_init(graph, eliminations, max_flops, keep_going(options, watch));
-    case Initialization::random:
-      return random_init(graph, options.seed);
-    case Initialization::automatic:
-    case Initialization::shortest_path:
-      break;
+  FrontDoor(const FrontDoor&) = delete;
+  FrontDoor& operator=(const FrontDoor&) = delete;
+
+  Solution solve(std::optional<Rotations> given) {
+    const bool automatic = options_.method == Method::automatic;
+    const bool free_choice = automatic && !given && options_.init == Initialization::automatic;
+    Solution solution;
+    Rotations start = given ? checked_rotations(graph_, std::move(*given))
+                            : initial_value(options_.init, solution.init);
+    solution.timings.init = watch_.seconds();
+    if (options_.method == Method::staircase) {
+      climb_from(std::move(start), solution);
+    } else {
+      run_from(start, options_.method, solution);
+      if (free_choice && is_refuted(solution)) try_chordal_start(solution);
+      if (automatic && is_refuted(solution)) climb_from(solution.rotations, solution);
+    }
+    return solution;
   }
-  return shortest_path_init(graph);
-}
 
-/// Rotations of one initial value: solved, gauge fixed, certified.
-inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
-                     const Stopwatch& watch, std::vector<Elimination>& eliminations,
-                     const Rotations& R, Solution& solution) {
-  const double before = watch.seconds();
-  IterationOptions iteration = options.iteration;
-  iteration.time_limit -= before;
-  static_cast<IterationResult&>(solution) = [&] {
-    switch (options.method) {
-      case Method::bcd:
-        return options.accelerate ? accelerated_bcd(graph, R, iteration) : bcd(graph, R, iteration);
-      case Method::sum:
-        return options.accelerate ? accelerated_sum(graph, R, iteration, options.mu)
-                                  : sum(graph, R, iteration, options.mu);
-      case Method::newton:
-        return newton(graph, R, iteration);
-      case Method::automatic:
+ private:
+  double time_left() const { return options_.iteration.time_limit - watch_.seconds(); }
+
+  /// What is left of the caller's limits.
+  IterationOptions limits() const {
+    IterationOptions rest = options_.iteration;
+    rest.time_limit = time_left();
+    rest.max_iterations = std::max(0, rest.max_iterations - iterations_);
+    rest.keep_going = keep_going_;
+    return rest;
+  }
+
+  bool may_go_on() const { return keep_going_() && limits().max_iterations > 0; }
+
+  /// Whether a solution has converged to something that is not certified, and there is time left.
+  bool is_refuted(const Solution& solution) const {
+    return options_.certify && is_converged(solution.status) &&
+           solution.certificate.verdict == Verdict::not_certified && may_go_on();
+  }
+
+  /// @param used receives what was used: the shortest paths where a linear system would cost more
+  ///        than options.certificate.max_factorization_flops, or the time is up
+  Rotations initial_value(Initialization init, Initialization& used) {
+    const double max_flops = options_.certificate.max_factorization_flops;
+    std::optional<Rotations> R;
+    used = init;
+    switch (init) {
+      case Initialization::spanning_tree:
+        return spanning_tree_init(graph_);
+      case Initialization::random:
+        return random_init(graph_, options_.seed);
+      case Initialization::chordal:
+        R = chordal_init(graph_, eliminations_, max_flops, keep_going_);
+        break;
+      case Initialization::quaternion:
+        R = quaternion_init(graph_, eliminations_, max_flops, keep_going_);
+        break;
+      case Initialization::automatic:
+      case Initialization::shortest_path:
         break;
     }
-    return solve_automatically(graph, eliminations, R, iteration, solution.method, solution.reason);
-  }();
-  fix_gauge(solution.components, solution.rotations);
-  const double solved = watch.seconds();
-  solution.timings.solve += solved - before;
+    if (R) return *std::move(R);
+    used = Initialization::shortest_path;
+    return shortest_path_init(graph_);
+  }
 
-  const bool interrupted = options.iteration.keep_going && !options.iteration.keep_going();
-  if (!options.certify || interrupted) return;
-  CertificateOptions certificate = options.certificate;
-  certificate.num_threads = options.iteration.num_threads;
-  certificate.keep_going = keep_going(options, watch);
-  solution.certificate =
-      rotavg::certify(graph, solution.rotations, solution.components, eliminations, certificate);
-  solution.timings.certify += watch.seconds() - solved;
-}
+  /// From one initial value: solved, gauge fixed, certified.
+  void run_from(const Rotations& R, Method method, Solution& solution) {
+    const double before = watch_.seconds();
+    solution.method = method;
+    static_cast<IterationResult&>(solution) = iterate(R, method, solution);
+    iterations_ += solution.iterations;
+    solution.components = components_;
+    fix_gauge(components_, solution.rotations);
+    solution.timings.solve += watch_.seconds() - before;
+    certify_solution(solution);
+  }
+
+  IterationResult iterate(const Rotations& R, Method method, Solution& solution) {
+    const bool accelerate = options_.accelerate;
+    switch (method) {
+      case Method::bcd:
+        return accelerate ? accelerated_bcd(graph_, R, limits()) : bcd(graph_, R, limits());
+      case Method::sum:
+        return accelerate ? accelerated_sum(graph_, R, limits(), options_.mu)
+                          : sum(graph_, R, limits(), options_.mu);
+      case Method::newton:
+        return newton(graph_, R, limits());
+      case Method::automatic:
+      case Method::staircase:
+        break;
+    }
+    return solve_automatically(graph_, eliminations_, R, limits(), solution.method,
+                               solution.reason);
+  }
+
+  void certify_solution(Solution& solution) {
+    const bool interrupted = options_.iteration.keep_going && !options_.iteration.keep_going();
+    if (!options_.certify || interrupted) return;
+    const double before = watch_.seconds();
+    CertificateOptions certificate = options_.certificate;
+    certificate.num_threads = options_.iteration.num_threads;
+    certificate.keep_going = keep_going_;
+    solution.certificate = rotavg::certify(graph_, solution.rotations, components_, eliminations_,
+                                           certificate, lower_bounds_);
+    solution.timings.certify += watch_.seconds() - before;
+  }
+
+  /// A second run; the better solution stays.
+  void try_chordal_start(Solution& solution) {
+    const double before = watch_.seconds();
+    Solution second;
+    const Rotations R = initial_value(Initialization::chordal, second.init);
+    solution.timings.init += watch_.seconds() - before;
+    if (second.init != Initialization::chordal) return;
+    second.timings = solution.timings;
+    run_from(R, Method::automatic, second);
+    const bool better = is_better(second, solution);
+    solution.timings = second.timings;
+    if (better) solution = std::move(second);
+    solution.reason += better ? "; a second run, from the chordal start, did better"
+                              : "; a second run, from the chordal start, did no better";
+  }
+
+  static bool is_better(const Solution& a, const Solution& b) {
+    const bool certified = a.certificate.verdict == Verdict::proved ||
+                           a.certificate.verdict == Verdict::estimated;
+    return certified || a.objective < b.objective;
+  }
+
+  bool is_certified(const Solution& solution, Index c) const {
+    const auto& parts = solution.certificate.components;
+    return !parts.empty() && parts[c].verdict != Verdict::not_certified;
+  }
+
+  /// Up the staircase, component by component, and down from every step, until what is met there is
+  /// certified, or the relaxation is solved, or a limit is reached.
+  /// @param R where to start
+  /// @param solution not run yet, or what is refuted at R; the better one stays
+  void climb_from(Rotations R, Solution& solution) {
+    std::string report;
+    lower_bounds_.assign(components_.nodes.size(), LowerBound{});
+    for (Index c = 0; c < components_.size(); ++c) {
+      if (components_.nodes[c].size() < 2 || is_certified(solution, c)) continue;
+      if (solution.status != Status::not_run) R = solution.rotations;
+      double before = watch_.seconds();
+      Staircase staircase(graph_, components_, c, eliminations_[c], R,
+                          resolve_num_threads(options_.iteration.num_threads, graph_.num_edges()),
+                          options_.certificate.max_factorization_flops, keep_going_);
+      while (staircase.next_rank() <= options_.max_rank && may_go_on()) {
+        const int iterations = staircase.iterations();
+        const bool climbed = staircase.climb(limits());
+        iterations_ += staircase.iterations() - iterations;
+        solution.timings.solve += watch_.seconds() - before;
+        if (!climbed) break;
+        go_down(staircase.rounded(), solution);
+        if (is_certified(solution, c)) break;
+        before = watch_.seconds();
+      }
+      if (staircase.iterations() == 0) continue;
+      if (options_.certify && !is_certified(solution, c)) {
+        before = watch_.seconds();
+        lower_bounds_[c] = staircase.lower_bound();
+        solution.timings.certify += watch_.seconds() - before;
+        certify_solution(solution);
+      }
+      report = staircase.report(is_certified(solution, c));
+    }
+    if (solution.status == Status::not_run) run_from(R, Method::automatic, solution);
+    if (report.empty()) return;
+    solution.method = Method::staircase;
+    solution.reason += (solution.reason.empty() ? "" : "; ") + report;
+  }
+
+  /// The way down from the staircase: a run from what it came to; the better solution stays.
+  void go_down(const Rotations& R, Solution& solution) {
+    Solution next = solution;
+    run_from(R, Method::automatic, next);
+    if (solution.status == Status::not_run || is_better(next, solution)) {
+      next.reason = solution.reason;
+      solution = std::move(next);
+    } else {
+      solution.timings = next.timings;
+    }
+  }
+
+  const MeasurementGraph& graph_;
+  const SolveOptions& options_;
+  const Stopwatch watch_;
+  const Components components_;
+  std::vector<Elimination> eliminations_;
+  const std::function<bool()> keep_going_;
+  std::vector<LowerBound> lower_bounds_;  ///< on the optimum of every component; empty: none known
+  int iterations_ = 0;                    ///< of all runs
+};
 
 }  // namespace detail
 
 /// Finds the rotations that fit the measurements best, and certifies them. In every component the
 /// first node has R = I.
 ///
-/// Where everything is left to choose and the answer from the shortest-path start has converged but
-/// is not certified, a second answer from the chordal start is computed, and the better one
-/// returned.
+/// Where the method is left to choose, an answer that has converged but is refuted is not the end:
+/// if the start is left to choose as well, a second answer from the chordal start is computed; and
+/// if that is refuted, too, the staircase is climbed. The best rotations are returned, with the
+/// best bound.
 ///
 /// @param start an initial value to use instead of options.init (a warm start)
 /// @throws std::invalid_argument unless `start` holds a rotation for each node
 inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options = {},
                       std::optional<Rotations> start = std::nullopt) {
-  const Stopwatch watch;
-  const bool free_choice =
-      !start && options.method == Method::automatic && options.init == Initialization::automatic;
-  Solution solution;
-  solution.components = connected_components(graph);
-  solution.method = options.method;
-  solution.init =
-      options.init == Initialization::automatic ? Initialization::shortest_path : options.init;
-  const Components components = solution.components;  // solutions are moved about
-  std::vector<Elimination> eliminations = grounded_eliminations(graph, components);
-  if (start) {
-    start = checked_rotations(graph, std::move(*start));
-  } else {
-    start = detail::initial_value(graph, eliminations, solution.init, options, watch);
-    if (!start) {
-      solution.init = Initialization::shortest_path;
-      start = shortest_path_init(graph);
-    }
-  }
-  solution.timings.init = watch.seconds();
-  detail::run_from(graph, options, watch, eliminations, *start, solution);
-
-  if (free_choice && options.certify && is_converged(solution.status) &&
-      solution.certificate.verdict == Verdict::not_certified) {
-    const double before = watch.seconds();
-    if (std::optional<Rotations> second_start =
-            detail::initial_value(graph, eliminations, Initialization::chordal, options, watch)) {
-      Solution second = solution;
-      second.init = Initialization::chordal;
-      second.timings.init += watch.seconds() - before;
-      detail::run_from(graph, options, watch, eliminations, *second_start, second);
-      const bool better = second.certificate.verdict != Verdict::not_certified ||
-                          second.objective < solution.objective;
-      second.reason += better ? "; a second run, from the chordal start, did better"
-                              : "; a second run, from the chordal start, did no better";
-      if (better) return second;
-      solution.reason = second.reason;
-      solution.timings = second.timings;
-    }
-  }
-  return solution;
+  return detail::FrontDoor(graph, options).solve(std::move(start));
 }
 
 }  // namespace rotavg

@@ -1,0 +1,134 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/parallel/reduce.hpp>
+#include <rotavg/parallel/threads.hpp>
+#include <rotavg/problem/connection.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// 3n x p: one 3 x p block Z_i with orthonormal rows, Z_i Z_i^T = I, for every node.
+using LiftedBlocks = Eigen::MatrixXd;
+
+/// What is known at a lifted point.
+struct LiftedPoint {
+  LiftedBlocks Z;
+  double objective = 0.0;
+  LiftedBlocks gradient;           ///< Riemannian: 2 S Z
+  double relative_gradient = 0.0;  ///< max |gradient_i|_F / deg_i
+  std::vector<Matrix3> Lambda;     ///< sym(sum_j E_ij Z_j Z_i^T), one for each node of the component
+};
+
+/// The problem (3) on one component with rotations lifted to p dimensions (Burer and Monteiro 2003;
+/// Boumal 2015): with p x 3 blocks Y_i instead of R_i, Y_i^T Y_i = I, minimise
+///
+///     f(Y) = sum w |Y_i R_ij - Y_j|_F^2.
+///
+/// Y^T Y is feasible for the relaxation (6), so at p = 3n this is the relaxation itself; from some
+/// small p on, it has no local minima but the global ones. It is written in the global frame of
+/// some rotations R, with Z_i = R_i Y_i^T and E_ij = w R_i R_ij R_j^T, where Z_i = [I 0] stands for
+/// R itself.
+class LiftedProblem {
+ public:
+  /// @param residuals at the rotations R; must, like components, outlive this object
+  LiftedProblem(const ResidualQuaternions& residuals, const Components& components, Index component)
+      : residuals_(residuals),
+        components_(components),
+        component_(component),
+        nodes_(components.nodes[component]) {}
+
+  const ResidualQuaternions& residuals() const { return residuals_; }
+  const Components& components() const { return components_; }
+  Index component() const { return component_; }
+  const std::vector<Index>& nodes() const { return nodes_; }
+  Index num_nodes() const { return static_cast<Index>(nodes_.size()); }
+  double degree(Index a) const { return residuals_.graph().degree(nodes_[a]); }
+
+  /// The rotations R, in the dimensions that Z already has.
+  LiftedBlocks unlifted() const { return Matrix3::Identity().replicate(num_nodes(), 1); }
+
+  LiftedPoint evaluate(LiftedBlocks Z) const {
+    LiftedPoint at;
+    at.gradient = apply_connection(residuals_, components_, component_, Z);
+    at.Lambda.resize(nodes_.size());
+    for (Index a = 0; a < num_nodes(); ++a) {
+      const auto Z_a = Z.middleRows<3>(3 * a);
+      auto EZ_a = at.gradient.middleRows<3>(3 * a);
+      at.Lambda[a] = symmetric_part(EZ_a.lazyProduct(Z_a.transpose()));
+      EZ_a = 2.0 * (at.Lambda[a].lazyProduct(Z_a) - EZ_a);
+      at.relative_gradient = std::max(at.relative_gradient, EZ_a.norm() / degree(a));
+    }
+    at.objective = objective(Z);
+    at.Z = std::move(Z);
+    return at;
+  }
+
+  double objective(const LiftedBlocks& Z) const {
+    return block_sum<double>(num_nodes(), residuals_.num_threads(), [&](Index a) {
+      double sum = 0.0;
+      for (const HalfEdge& h : residuals_.graph().row(nodes_[a])) {
+        if (!h.is_i()) continue;
+        const Quaternion e(residuals_()[h.edge()]);
+        const double w = e.squaredNorm();
+        const Matrix3 E = weighted_rotation(e) / w;
+        const auto Z_j = Z.middleRows<3>(3 * components_.row_in_component[h.node]);
+        sum += w * (E.transpose().lazyProduct(Z.middleRows<3>(3 * a)) - Z_j).squaredNorm();
+      }
+      return sum;
+    });
+  }
+
+  /// The Riemannian Hessian along a tangent V: 2 P(S V), S = Lambda - E (Theorem 1) at this point.
+  LiftedBlocks hessian(const LiftedPoint& at, const LiftedBlocks& V) const {
+    LiftedBlocks H = apply_connection(residuals_, components_, component_, V);
+    for (Index a = 0; a < num_nodes(); ++a) {
+      auto H_a = H.middleRows<3>(3 * a);
+      H_a = 2.0 * (at.Lambda[a].lazyProduct(V.middleRows<3>(3 * a)) - H_a);
+    }
+    project(at.Z, H);
+    return H;
+  }
+
+  /// V <- P(V), onto the tangent space at Z: V_i - sym(V_i Z_i^T) Z_i.
+  void project(const LiftedBlocks& Z, LiftedBlocks& V) const {
+    for (Index a = 0; a < num_nodes(); ++a) {
+      const auto Z_a = Z.middleRows<3>(3 * a);
+      auto V_a = V.middleRows<3>(3 * a);
+      V_a -= symmetric_part(V_a.lazyProduct(Z_a.transpose())).lazyProduct(Z_a);
+    }
+  }
+
+  /// Z + V with the rows of every block made orthonormal: Z_i <- L^-1 (Z_i + V_i), where L L^T is
+  /// the Gram matrix of the rows; not singular, as it is I + V_i V_i^T for tangents.
+  LiftedBlocks retract(const LiftedBlocks& Z, const LiftedBlocks& V) const {
+    LiftedBlocks M = Z + V;
+    for (Index a = 0; a < num_nodes(); ++a) {
+      auto M_a = M.middleRows<3>(3 * a);
+      const Matrix3 gram = M_a.lazyProduct(M_a.transpose());
+      gram.llt().matrixL().solveInPlace(M_a);
+    }
+    return M;
+  }
+
+ private:
+  static Matrix3 symmetric_part(const Matrix3& A) { return 0.5 * (A + A.transpose()); }
+
+  const ResidualQuaternions& residuals_;
+  const Components& components_;
+  Index component_;
+  const std::vector<Index>& nodes_;
+};
+
+}  // namespace rotavg

@@ -1,0 +1,44 @@
+#pragma once
+
+namespace rotavg {
+
+/// An approximate solution w of H w = -g by conjugate gradients (Steihaug 1983, without a radius).
+/// It stops at |r|_P <= forcing |g|_P, and where the curvature is not positive: there with what it
+/// has, or in the first step with the preconditioned descent direction.
+///
+/// @tparam Vectors a dense matrix
+template <typename Vectors>
+class TruncatedCg {
+ public:
+  /// @param apply_hessian `apply_hessian(p, Hp)`
+  /// @param precondition `precondition(r, z)`: z = P r, with P positive definite where it matters
+  template <typename Hessian, typename Preconditioner>
+  const Vectors& operator()(const Vectors& g, double forcing, int max_steps,
+                            Hessian&& apply_hessian, Preconditioner&& precondition) {
+    w_.setZero(g.rows(), g.cols());
+    r_ = g;  // H w + g
+    precondition(r_, z_);
+    p_ = -z_;
+    double rz = r_.cwiseProduct(z_).sum();
+    const double enough = forcing * forcing * rz;
+    for (int k = 0; k < max_steps; ++k) {
+      apply_hessian(p_, Hp_);
+      const double curvature = p_.cwiseProduct(Hp_).sum();
+      if (!(curvature > 0.0)) return k == 0 ? p_ : w_;
+      const double alpha = rz / curvature;
+      w_ += alpha * p_;
+      r_ += alpha * Hp_;
+      precondition(r_, z_);
+      const double rz_next = r_.cwiseProduct(z_).sum();
+      if (!(rz_next > enough)) break;
+      p_ = (rz_next / rz) * p_ - z_;
+      rz = rz_next;
+    }
+    return w_;
+  }
+
+ private:
+  Vectors w_, r_, z_, p_, Hp_;
+};
+
+}  // namespace rotavg
