@@ -445,7 +445,7 @@ TEST_CASE("certificates have the same bits for any number of threads") {
   Random random;
   INFO(random.replay());
   const MeasurementGraph graph =
-      simulate_graph(random, test::random_connected(random, 600, 9000), 0.2);
+      simulate_graph(random, test::random_connected(random, 600, 60000), 0.2);
   const Rotations R = test::perturbed(random, shortest_path_init(graph), 1e-2);
   CertificateOptions options = by_eigenvalue();
   options.num_threads = 1;

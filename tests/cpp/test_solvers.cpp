@@ -310,7 +310,7 @@ TEST_CASE("results have the same bits for any number of threads") {
   Random random;
   INFO(random.replay());
   const MeasurementGraph graph =
-      simulate_graph(random, test::random_connected(random, 800, 9000), 0.3);
+      simulate_graph(random, test::random_connected(random, 800, 60000), 0.3);
   REQUIRE(resolve_num_threads(7, graph.num_edges()) == 7);  // threads are used at this size
   const Rotations start = random.rotations(800);
   for (const Solver& solver : solvers()) {

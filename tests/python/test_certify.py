@@ -75,9 +75,13 @@ def test_a_full_extra_twist_around_a_cycle_is_refuted() -> None:
     assert certificate.gap >= rotavg.objective(graph, twisted) * (1 - 1e-12)
 
     # A descent method stays there, and says that the answer is not certified.
-    stuck = rotavg.solve(graph, init=twisted)
+    stuck = rotavg.solve(graph, init=twisted, method="newton")
     assert stuck.status.converged
     assert not stuck.solved
+    # The staircase leads out.
+    free = rotavg.solve(graph, init=twisted)
+    assert free.solved
+    assert free.objective < 1e-20
     assert "not certified" in str(stuck)
     assert rotavg.solve(graph).certificate.verdict == "proved"  # type: ignore[union-attr]
 

@@ -195,7 +195,7 @@ def test_parallel_edges_add_up() -> None:
     "init", ["shortest_path", "spanning_tree", "chordal", "quaternion", "random"]
 )
 def test_same_input_same_bits_for_any_number_of_threads(method: str, init: str) -> None:
-    graph = rotavg.simulate("complete", 200, noise=0.3, seed=9).graph  # 19900 edges
+    graph = rotavg.simulate("complete", 230, noise=0.3, seed=9).graph  # 26335 edges: 3 threads
     first = rotavg.solve(graph, method=method, init=init, num_threads=1)  # type: ignore[arg-type]
     for threads in (2, 3, 5):
         again = rotavg.solve(graph, method=method, init=init, num_threads=threads)  # type: ignore[arg-type]
