@@ -112,7 +112,11 @@ inline ComponentBound bound_component(const CertificateMatrix& S, Elimination& e
     const bool stopped = options.keep_going && !options.keep_going();
     if (bound.method == CertificateMethod::connectivity || stopped) return bound;
   }
-  if (elimination.flops(3, limit) > limit) return bound_by_eigenvalue(S, options.keep_going);
+  if (elimination.flops(3, limit) > limit) {
+    const ComponentBound bound = bound_by_positive_eigenvalue(S, options.keep_going);
+    if (bound.method == CertificateMethod::eigenvalue) return bound;
+    return bound_by_eigenvalue(S, options.keep_going);
+  }
   BlockCholesky<3> cholesky(elimination.symbolic());
   const auto outcome = cholesky.factorize(S.blocks(elimination), 0.0, options.keep_going);
   if (outcome == CholeskyOutcome::stopped) return {};

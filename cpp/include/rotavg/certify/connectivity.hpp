@@ -101,15 +101,8 @@ inline ComponentBound bound_by_connectivity(const CertificateMatrix& S,
   bound.method = CertificateMethod::connectivity;
   bound.gap = K.squaredNorm() / proved + S.rounding_trace();
   // S >= l on the complement, so the smallest eigenvalue lies between -|K|^2 / (n l) and zero.
-  const double lowest = -K.squaredNorm() / (n * proved);
-  if (lowest >= -1e-13 * S.max_degree()) {
-    bound.lambda_min = lowest;
-    return bound;
-  }
-  Eigen::MatrixXd start(S.size(), 6);
-  start << S.null_vectors(), S.divide_by_degree(K);
-  bound.lambda_min = value_or_nan(min_eigenvalue(
-      S, start, [&](const Eigen::MatrixXd& X) { return S.divide_by_degree(X); }, keep_going));
+  bound.lambda_min =
+      lambda_min_near_null_vectors(S, K, -K.squaredNorm() / (n * proved), keep_going);
   return bound;
 }
 

@@ -3,12 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <utility>
 
 #include <Eigen/Core>
 
 #include <rotavg/certify/bound.hpp>
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/linalg/lanczos.hpp>
 #include <rotavg/linalg/lobpcg.hpp>
 #include <rotavg/parallel/threads.hpp>
 
@@ -73,10 +75,72 @@ inline Eigenpair min_eigenvalue_on_complement(const CertificateMatrix& S,
                             random_start(S.size(), block), S.null_vectors(), options);
 }
 
-/// An estimate of the bound where nothing can be factorised. S is at least theta on the complement
-/// of its null vectors N / sqrt(n), if LOBPCG met the smallest eigenvalue there, and |S N| / sqrt(n)
-/// = epsilon couples the two: lambda_min(S) is at least the smallest eigenvalue of [0, epsilon;
-/// epsilon, theta].
+/// lambda_min(S) where S is positive on the complement of its null vectors: their part of the
+/// leftover K = S N makes it less than zero by little.
+/// @param lowest what it is not below
+inline double lambda_min_near_null_vectors(const CertificateMatrix& S, const Eigen::MatrixXd& K,
+                                           double lowest,
+                                           const std::function<bool()>& keep_going) {
+  if (lowest >= -1e-13 * S.max_degree()) return lowest;
+  Eigen::MatrixXd start(S.size(), 6);
+  start << S.null_vectors(), S.divide_by_degree(K);
+  return value_or_nan(min_eigenvalue(
+      S, start, [&](const Eigen::MatrixXd& X) { return S.divide_by_degree(X); }, keep_going));
+}
+
+/// An estimate of the bound where nothing can be factorised, for the case that S is positive on the
+/// complement of its null vectors. With D the degrees, Lanczos' method finds the smallest eigenvalue
+/// theta of D^-1/2 S D^-1/2 on the complement of D^1/2 N. Split any x as N c + z with N^T D z = 0:
+/// with the leftover K = S N, x^T S x >= 2 c^T K^T z + theta z^T D z >= -|D^-1/2 K c|^2 / theta, and
+/// as c is a weighted mean of the blocks of x,
+///
+///     f(R) - f* <= |D^-1/2 K|_F^2 / theta
+///
+/// (as in certify/connectivity.hpp).
+///
+/// @returns CertificateMethod::none where theta was not met or is not positive
+inline ComponentBound bound_by_positive_eigenvalue(const CertificateMatrix& S,
+                                                   const std::function<bool()>& keep_going) {
+  const Index n = S.num_nodes();
+  Eigen::VectorXd root_degree(n);
+  for (Index a = 0; a < n; ++a) root_degree(a) = std::sqrt(S.graph().degree(S.nodes()[a]));
+  const auto divide = [&](Eigen::MatrixXd x) {
+    for (Index a = 0; a < n; ++a) x.middleRows<3>(3 * a) /= root_degree(a);
+    return x;
+  };
+  const auto project = [&](Eigen::VectorXd& x) {  // D^1/2 N has a multiple of I for every node
+    Vector3 along = Vector3::Zero();
+    for (Index a = 0; a < n; ++a) along += root_degree(a) * x.segment<3>(3 * a);
+    along /= root_degree.squaredNorm();
+    for (Index a = 0; a < n; ++a) x.segment<3>(3 * a) -= root_degree(a) * along;
+  };
+  const auto apply = [&](const Eigen::VectorXd& x) {
+    Eigen::VectorXd y = divide(S.apply(divide(x)));
+    project(y);
+    return y;
+  };
+  Eigen::VectorXd start = random_start(S.size(), 1);
+  project(start);
+  LanczosOptions options;
+  options.keep_going = keep_going;
+  const RitzValue ritz = smallest_ritz_value(apply, std::move(start), options);
+  const double theta = ritz.value - ritz.residual;
+  ComponentBound bound;
+  if (!ritz.converged || !(theta > 0.0)) return bound;
+  const Eigen::MatrixXd K = S.leftover();
+  const double gap = divide(K).squaredNorm() / theta;
+  bound.method = CertificateMethod::eigenvalue;
+  bound.gap = gap + S.rounding_trace();
+  // |c|^2 <= max d / sum d |x|^2
+  bound.lambda_min = lambda_min_near_null_vectors(
+      S, K, -gap * S.max_degree() / root_degree.squaredNorm(), keep_going);
+  return bound;
+}
+
+/// An estimate of the bound where nothing can be factorised, whatever S is: S is at least theta on
+/// the complement of its null vectors N / sqrt(n), if LOBPCG met the smallest eigenvalue there, and
+/// |S N| / sqrt(n) = epsilon couples the two, so lambda_min(S) is at least the smallest eigenvalue
+/// of [0, epsilon; epsilon, theta].
 inline ComponentBound bound_by_eigenvalue(const CertificateMatrix& S,
                                           const std::function<bool()>& keep_going) {
   const Eigenpair pair = min_eigenvalue_on_complement(S, keep_going, 0.1, 1000);
