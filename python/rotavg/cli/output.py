@@ -107,7 +107,9 @@ def working(on: str) -> Iterator[None]:
 
 
 @contextmanager
-def progress(tolerance: float = 1e-9, stop: str = "gradient") -> Iterator[Callback]:
+def progress(
+    tolerance: float = 1e-9, stop: str = "gradient", certify: bool = True
+) -> Iterator[Callback]:
     """A callback that shows on stderr how far the solver is; None where that is no terminal.
 
     How far: by how many of the orders of magnitude that the gradient (or step) has to fall.
@@ -115,27 +117,27 @@ def progress(tolerance: float = 1e-9, stop: str = "gradient") -> Iterator[Callba
     if not sys.stderr.isatty():
         yield None
         return
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(20))
+    columns = (SpinnerColumn(), BarColumn(20), TextColumn("{task.description}"))
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
-        first, shown = math.nan, 0.0
+        first, shown = 0.0, 0.0
 
         def show(p: rotavg.Progress) -> None:
             nonlocal first, shown
             now = p.relative_gradient if stop == "gradient" else p.step
-            if p.iteration == 0 or math.isnan(first):
-                first, shown = now, 0.0
+            if p.iteration == 0:  # there is no step yet
+                first, shown = 0.0, 0.0
+            first = max(first, now)
             if now <= tolerance and p.iteration > 0:
-                bar.update(task, description="certifying", total=None)
+                then = "certifying" if certify else "converged"
+                bar.update(task, description=then, completed=1.0)
             elif p.seconds - shown >= 0.1:
                 shown = p.seconds
                 text = (
                     f"iteration {p.iteration}, objective {p.objective:.9g}, "
                     f"relative gradient {p.relative_gradient:.1e}, {p.seconds:.1f} s"
                 )
-                bar.update(
-                    task, description=text, total=1.0, completed=_fraction(first, now, tolerance)
-                )
+                bar.update(task, description=text, completed=_fraction(first, now, tolerance))
 
         yield show
 

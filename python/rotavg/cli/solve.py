@@ -91,7 +91,7 @@ def solve(
     read_seconds = time.perf_counter() - start
     if not as_json:
         print_notes(graph)
-    with progress(settings["tolerance"], settings["stop"]) as callback:
+    with progress(settings["tolerance"], settings["stop"], not no_certify) as callback:
         solution = rotavg.solve(
             graph, num_threads=threads, certify=not no_certify, callback=callback, **settings
         )

@@ -119,7 +119,7 @@ def smallest_eigenvalues(graph: MeasurementGraph, S: Any, count: int) -> NDArray
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a tolerance not reached: close enough for a picture
         values, _ = sparse_linalg.lobpcg(
-            S, start, M=preconditioner, largest=False, tol=1e-9 * S.diagonal().max(), maxiter=300
+            S, start, M=preconditioner, largest=False, tol=1e-7 * S.diagonal().max(), maxiter=150
         )
     return np.sort(values)[:count]
 
