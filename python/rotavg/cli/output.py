@@ -70,7 +70,8 @@ def print_solution(solution: rotavg.Solution) -> None:
     text = Text(str(solution))
     text.highlight_regex(r"(?m)^  \w+", "dim")
     text.highlight_regex(r"\A(Not solved|Solved)", "bold green" if solution.solved else "bold red")
-    text.highlight_regex(r"(?<=  verdict     ).*", _verdict_style(solution.certificate))
+    # rich styles a group of the match by the group's name.
+    text.highlight_regex(rf"(?m)^  verdict +(?P<{_verdict_style(solution.certificate)}>.+)")
     console = Console(highlight=False, soft_wrap=True)
     with console.capture() as capture:
         console.print(text, end="")
