@@ -56,7 +56,7 @@ def trajectory(
     drawn.set(xlim=_widened(low, high, 0), ylim=_widened(low, high, 1), zlim=_widened(low, high, 2))
     drawn.set_aspect("equal")
     drawn.set(xlabel="x", ylabel="y", zlabel="z")
-    drawn.set_title(f"residuals: median {np.median(residuals):.3g} deg")
+    drawn.set_title(f"mean residual {np.mean(residuals):.3g} deg")
     return drawn
 
 
@@ -83,7 +83,7 @@ def orientations(
     _dots(drawn, directions, drawing.node_means(graph, residuals), top_deg)
     drawn.set_aspect("equal")
     drawn.set(xlabel="x", ylabel="y", zlabel="z")
-    drawn.set_title(f"viewing directions; residuals: median {np.median(residuals):.3g} deg")
+    drawn.set_title(f"viewing directions; mean residual {np.mean(residuals):.3g} deg")
     return drawn
 
 

@@ -99,7 +99,7 @@ def _draw_nodes(figure: Any, solution: Solution, points: NDArray[np.float64]) ->
         text=[html.escape(str(name)) for name in graph.nodes[kept].tolist()] if named else None,
         hovertemplate=("%{text}: " if named else "") + "%{marker.color:.3g} deg<extra></extra>",
         marker={
-            "size": float(np.clip(150 / np.sqrt(len(kept)), 1.5, 5)),
+            "size": float(np.clip(110 / np.sqrt(len(kept)), 1.5, 5)),
             "color": means[kept].astype(np.float32),
             "colorscale": COLOURS,
             "cmin": 0,
