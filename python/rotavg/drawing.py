@@ -9,6 +9,8 @@ from rotavg import _core
 from rotavg.arrays import as_floats
 from rotavg.graph import MeasurementGraph
 
+_ROUNDING_DEG = 1e-9  # residuals below this are zero to the eye: no colours for rounding
+
 
 def residuals_deg(graph: MeasurementGraph, rotations: ArrayLike) -> NDArray[np.float64]:
     """Angle (m,) between R_i R_ij and R_j of every edge, degrees, at rotations (n, 3, 3)."""
@@ -25,9 +27,9 @@ def node_means(graph: MeasurementGraph, of_edges: NDArray[np.float64]) -> NDArra
 
 
 def top_of_scale(values: NDArray[np.float64]) -> float:
-    """Where a colour scale from 0 ends: a few outliers do not make all else look alike."""
-    top = float(np.percentile(values, 99)) if len(values) > 0 else 0.0
-    return top if top > 0 else float(max(values.max(initial=0.0), 1e-12))
+    """Where a colour scale of degrees ends: a few outliers do not make all else look alike."""
+    top = float(np.percentile(values, 99))
+    return max(top if top > 0 else float(values.max()), _ROUNDING_DEG)
 
 
 def relative_excess(objective: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -182,14 +182,10 @@ def test_the_spectrum_is_that_of_the_certificate(iterations: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "n", "settings"),
-    [("sphere", 400, {}), ("complete", 250, {}), ("band", 300, {"loop_closures": 0.05})],
+    ("kind", "iterations"), [("sphere", 20000), ("complete", 20000), ("band", 20000), ("band", 1)]
 )
-@pytest.mark.parametrize("iterations", [1, 20000])
-def test_large_spectra_are_those_of_the_whole_matrix(
-    kind: str, n: int, settings: dict[str, float], iterations: int
-) -> None:
-    graph = rotavg.simulate(kind, n, noise=0.2, seed=2, **settings).graph  # type: ignore[arg-type]
+def test_large_spectra_are_those_of_the_whole_matrix(kind: str, iterations: int) -> None:
+    graph = rotavg.simulate(kind, 210, noise=0.2, seed=2).graph
     R = rotavg.solve(graph, max_iterations=iterations, certify=False).rotations
     S = certificate_matrix(graph, R)
     expected = np.linalg.eigvalsh(S.toarray())[:12]

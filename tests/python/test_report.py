@@ -83,7 +83,7 @@ def test_the_tables_tell_the_worst_edges_and_the_components() -> None:
     solution = named()
     graph, degrees = solution.graph, np.degrees(solution.residual_angles)
     table = tables.worst_edges(solution, limit=10)
-    assert "10 worst edges of" in table.caption
+    assert "10 worst of" in table.caption
     for row, k in zip(table.rows, np.argsort(-degrees)[:10]):
         assert row[:4] == [*graph.edges[k].tolist(), degrees[k], graph.weights[k]]
         assert row[-1] == k
@@ -155,6 +155,16 @@ def test_with_robust_weights_the_proof_is_of_the_weighted_problem(
     weights = np.linspace(0.1, 1, solved.graph.num_edges)
     monkeypatch.setattr(rotavg.Solution, "edge_weights", property(lambda _: weights))
     assert "final weights" in " ".join(statement(solved).details)
+    verdicts = np.where(weights < 0.5, "robust_weight", "inlier")
+    monkeypatch.setattr(
+        rotavg.Solution, "edge_verdicts", property(lambda _: verdicts), raising=False
+    )
+    table = tables.worst_edges(solved)
+    for row in table.rows:
+        cells = dict(zip(table.columns, row))
+        edge = int(cells["row"])
+        assert cells["verdict"] == verdicts[edge]
+        assert cells["final weight"] == weights[edge]
     page = report.html(solved)
     assert "final weight" in Text(page).of("button")
     assert len(figures(page)["residuals"]["data"]) == 2
@@ -165,7 +175,7 @@ def test_a_hundred_thousand_edges_stay_below_15_mb() -> None:
     assert solution.graph.num_edges > 100_000
     page = report.html(solution)
     assert len(page.encode()) < 8_000_000  # of which plotly.js is 5
-    assert "200 worst edges" in page
+    assert "200 worst of 100" in page
 
 
 def test_the_smallest_graphs_have_a_report() -> None:

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.graph import MeasurementGraph
-from rotavg.io.g2o import VERTEX, G2oSource
+
+_VERTEX = b"VERTEX_SE3:QUAT"
 
 
 def positions(graph: MeasurementGraph) -> NDArray[np.float64] | None:
@@ -15,12 +16,11 @@ def positions(graph: MeasurementGraph) -> NDArray[np.float64] | None:
     None where the graph came from elsewhere, where a node has no vertex or one that is not finite,
     and where all are in one place, as in files that know rotations alone.
     """
-    if not isinstance(graph.source, G2oSource):
-        return None
+    data = getattr(graph.source, "data", b"")  # what a reader of pose graphs keeps of its file
     place = {}
-    for line in graph.source.data.splitlines():
+    for line in data.splitlines():
         fields = line.split(None, 5)
-        if fields[:1] == [VERTEX]:
+        if fields[:1] == [_VERTEX]:
             place[int(fields[1])] = [float(number) for number in fields[2:5]]
     if not all(node in place for node in graph.nodes.tolist()):
         return None

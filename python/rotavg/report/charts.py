@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rotavg import drawing
 from rotavg.errors import require
-from rotavg.report.style import COLOURS, MUTED, SECOND, THIRD
+from rotavg.report.style import COLOUR_BAR, COLOURS, MUTED, SECOND, THIRD
 from rotavg.report.verdict import is_reweighted
 from rotavg.solution import Solution
 
@@ -67,7 +67,7 @@ def convergence(solution: Solution) -> Any:
             line={"color": colour},
             hovertemplate="iteration %{customdata}, %{x:.4g} ms: %{y:.3g}<extra></extra>",
         )
-    power = {"type": "log", "exponentformat": "power", "tickmode": "auto", "nticks": 8}
+    power = {"type": "log", "tickmode": "auto", "nticks": 8}
     figure.update_layout(
         xaxis_title="time [ms]",
         yaxis={**power, "title": _title("objective above the best, relative", SECOND)},
@@ -97,12 +97,21 @@ def adjacency(solution: Solution) -> Any:
         zmax=drawing.top_of_scale(degrees),
         colorscale=COLOURS,
         hoverongaps=False,
-        colorbar={"title": {"text": "deg"}, "thickness": 12, "outlinewidth": 0},
+        colorbar=COLOUR_BAR,
         hovertemplate="row %{y:.0f}, column %{x:.0f}: %{z:.3g} deg<extra></extra>",
     )
     figure.update_layout(
-        xaxis={"title": "node (in the order of the input)", "constrain": "domain"},
-        yaxis={"autorange": "reversed", "scaleanchor": "x", "constrain": "domain"},
+        xaxis={
+            "title": "node (in the order of the input)",
+            "constrain": "domain",
+            "tickformat": "d",
+        },
+        yaxis={
+            "autorange": "reversed",
+            "tickformat": "d",
+            "scaleanchor": "x",
+            "constrain": "domain",
+        },
     )
     return figure
 

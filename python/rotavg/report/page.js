@@ -3,7 +3,7 @@
 // The figures, in the page's own colours, light or dark.
 function theme() {
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const axis = { gridcolor: colour("--line"), linecolor: colour("--line"), zeroline: false, automargin: true };
+  const axis = { gridcolor: colour("--line"), linecolor: colour("--line"), zeroline: false, automargin: true, exponentformat: "power" };
   const space = { gridcolor: colour("--line"), color: colour("--quiet") };
   return {
     layout: {

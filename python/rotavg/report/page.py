@@ -84,6 +84,7 @@ def html(solution: Solution, run: Run | None = None, *, title: str = "") -> str:
     """The report on a solution as an HTML document; arguments and errors as in `write_report`."""
     run = run or Run()
     jinja2 = require("jinja2", "report")
+    markup = require("markupsafe", "report").Markup
     scene, scene_said = space(solution)
     figures = {
         "space": scene,
@@ -111,8 +112,8 @@ def html(solution: Solution, run: Run | None = None, *, title: str = "") -> str:
         versions=f"rotavg {_core.__version__}, NumPy {np.__version__}, "
         f"Python {platform.python_version()}, {platform.platform()}",
         # Within a script element only "<" could end it; within JSON it is found in strings alone.
-        figures=jinja2.utils.markupsafe.Markup(_json(figures).replace("<", "\\u003c")),
-        plotly=jinja2.utils.markupsafe.Markup(require("plotly.offline", "report").get_plotlyjs()),
+        figures=markup(_json(figures).replace("<", "\\u003c")),
+        plotly=markup(require("plotly.offline", "report").get_plotlyjs()),
     )
     return str(page)
 
@@ -172,7 +173,11 @@ def _settings(solution: Solution, run: Run) -> list[tuple[str, str]]:
         )
     elif run.input is not None:
         rows.append(("input", str(run.input)))
-    return rows + [(f"option {name}", str(value)) for name, value in run.settings.items()]
+    options = (
+        (f"option {name}", "default" if value is None else str(value))
+        for name, value in run.settings.items()
+    )
+    return [*rows, *options]
 
 
 def _seconds(solution: Solution, run: Run) -> list[tuple[str, str]]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rotavg import drawing
 from rotavg.errors import require
 from rotavg.io.positions import positions as positions_of
-from rotavg.report.style import COLOURS, MUTED
+from rotavg.report.style import COLOUR_BAR, COLOURS, MUTED
 from rotavg.solution import Solution
 
 _NODES, _EDGES, _FRAMES, _NAMES = 30000, 8000, 250, 10000  # the most that are drawn, or named
@@ -105,7 +105,7 @@ def _draw_nodes(figure: Any, solution: Solution, points: NDArray[np.float64]) ->
             "cmin": 0,
             "cmax": drawing.top_of_scale(means),
             "line": {"width": 0},
-            "colorbar": {"title": {"text": "deg"}, "thickness": 12, "outlinewidth": 0},
+            "colorbar": COLOUR_BAR,
         },
     )  # fmt: skip
 

@@ -39,6 +39,9 @@ def worst_edges(solution: Solution, limit: int = 200) -> Table:
     if is_reweighted(solution):
         columns.append("final weight")
         figures.append(solution.edge_weights)
+        if hasattr(solution, "edge_verdicts"):
+            columns.append("verdict")
+            figures.append(solution.edge_verdicts)
     if solution.num_components > 1:
         columns.append("component")
         figures.append(solution.component[graph.indices[:, 0]] + 1)
@@ -46,8 +49,9 @@ def worst_edges(solution: Solution, limit: int = 200) -> Table:
         [*map(str, graph.edges[k].tolist()), *(figure[k].item() for figure in figures), int(k)]
         for k in worst
     ]
-    shown = "All edges" if len(worst) == graph.num_edges else f"The {limit} worst edges"
-    caption = f"{shown} of {graph.num_edges}; the row counts the edges of the input from 0."
+    m = graph.num_edges
+    shown = f"All {m} edges" if m <= limit else f"The {limit} worst of {m} edges"
+    caption = f"{shown}; the row counts the edges of the input from 0."
     return Table(caption, [*columns, "row"], rows)
 
 
@@ -72,9 +76,9 @@ def components(solution: Solution, limit: int = 100) -> Table:
             residuals = [float(np.median(own)), float(own.max())]
         row: list[Cell] = [k + 1, int(nodes[k]), int(edges[k]), objective[k].item(), *residuals]
         rows.append([*row, str(graph.nodes[first[k]].item())])
-    shown = "All components" if len(rows) == count else f"The {limit} largest components"
+    shown = f"All {count}" if count <= limit else f"The {limit} largest of {count}"
     return Table(
-        f"{shown} of {count}. In each, the first node has the identity.",
+        f"{shown} components. In each, the first node has the identity.",
         [
             "component", "nodes", "edges", "objective", "median residual [deg]",
             "largest residual [deg]", "first node",
