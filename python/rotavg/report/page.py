@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-import rotavg._core as _core
+from rotavg import _core
 from rotavg.errors import FileAccessError, FormatError, require
 from rotavg.io import atomic
 from rotavg.report import charts, tables

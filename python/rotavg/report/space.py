@@ -23,18 +23,32 @@ def space(solution: Solution) -> tuple[Any, str]:
     positions = positions_of(solution.graph)
     if positions is None:
         said = _draw_sphere(figure, solution)
+        scene = _scene(np.array([[-1.0] * 3, [1.0] * 3]))
     else:
         said = _draw_poses(figure, solution, positions)
-    axis = {"showbackground": False, "showspikes": False, "zeroline": False}
-    figure.update_layout(
-        scene={
-            "aspectmode": "data", "xaxis": axis, "yaxis": axis, "zaxis": axis,
-            "camera": {"eye": {"x": 1.0, "y": 1.0, "z": 0.7}},
-        },
-        showlegend=False,
-        margin={"l": 0, "r": 0, "t": 36, "b": 0},
-    )  # fmt: skip
+        scene = _scene(positions)
+    figure.update_layout(scene=scene, showlegend=False, margin={"l": 0, "r": 0, "t": 36, "b": 0})
     return figure, said
+
+
+def _scene(points: NDArray[np.float64]) -> dict[str, Any]:
+    """A box around points (k, 3), of equal scale along all axes, and seen as a whole."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.05 * float((high - low).max())
+    side = high - low + 2 * margin
+    axes = {
+        f"{name}axis": {
+            "range": [float(low[k] - margin), float(high[k] + margin)],
+            "showbackground": False, "showspikes": False, "zeroline": False,
+        }
+        for k, name in enumerate("xyz")
+    }  # fmt: skip
+    return {
+        **axes,
+        "aspectmode": "manual",
+        "aspectratio": dict(zip("xyz", (side / side.max()).tolist())),
+        "camera": {"eye": {"x": 1.0, "y": 1.0, "z": 0.7}},
+    }
 
 
 def _draw_poses(figure: Any, solution: Solution, positions: NDArray[np.float64]) -> str:
