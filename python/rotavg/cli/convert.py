@@ -9,11 +9,11 @@ import numpy as np
 
 import rotavg
 from rotavg.cli import options
-from rotavg.cli.output import print_json, print_notes
+from rotavg.cli.output import print_json, print_notes, working
 from rotavg.io import check_writable
 
 
-@click.command()
+@click.command(short_help="Write a measurement graph in another format.")
 @click.argument("input_path", metavar="IN", type=options.PATH)
 @click.argument("output_path", metavar="OUT", type=options.PATH)
 @options.unit_weights
@@ -26,7 +26,8 @@ def convert(input_path: Path, output_path: Path, unit_weights: bool, as_json: bo
       rotavg convert graph.g2o graph.csv
     """
     check_writable(output_path)
-    graph = rotavg.read(input_path)
+    with working(f"reading {input_path}"):
+        graph = rotavg.read(input_path)
     if unit_weights:
         graph = graph.with_weights(np.ones(graph.num_edges))
     rotavg.write(output_path, graph)

@@ -10,10 +10,10 @@ import numpy as np
 
 import rotavg
 from rotavg.cli import options
-from rotavg.cli.output import print_json, print_notes, print_table
+from rotavg.cli.output import print_json, print_notes, print_table, working
 
 
-@click.command()
+@click.command(short_help="Tell what graph is in a file, and how hard it is.")
 @click.argument("input_path", metavar="INPUT", type=options.PATH)
 @options.unit_weights
 @options.as_json
@@ -21,11 +21,13 @@ def info(input_path: Path, unit_weights: bool, as_json: bool) -> None:
     """Tell what graph is in INPUT, and how hard it is to average.
 
     \b
-    Example:
+    Examples:
       rotavg info graph.g2o
+      rotavg info graph.g2o --json | jq .cycles.noise_per_edge_deg
     """
-    graph = rotavg.read(input_path, unit_weights=unit_weights)
-    measures = _measures(graph, rotavg.hardness(graph))
+    with working(f"examining {input_path}"):
+        graph = rotavg.read(input_path, unit_weights=unit_weights)
+        measures = _measures(graph, rotavg.hardness(graph))
     if as_json:
         print_json({**measures, "notes": list(graph.notes)})
         return

@@ -7,8 +7,11 @@ import sys
 import click
 
 import rotavg
+from rotavg.cli.command import Commands
+from rotavg.cli.completion import completion
 from rotavg.cli.convert import convert
 from rotavg.cli.info import info
+from rotavg.cli.output import print_error
 from rotavg.cli.simulate import simulate
 from rotavg.cli.solve import solve
 
@@ -16,6 +19,7 @@ INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 
 
 @click.group(
+    cls=Commands,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Exit status: 0 solved (or done), 1 not solved, 2 bad input or usage.",
 )
@@ -27,11 +31,13 @@ def commands() -> None:
     Examples:
       rotavg simulate sphere -n 2500 --noise 0.1 -o sphere.g2o
       rotavg info sphere.g2o
-      rotavg solve sphere.g2o -o solved.g2o
+      rotavg solve sphere.g2o -o solved.g2o --report report.html
+
+    'rotavg COMMAND --help' tells more, with examples.
     """
 
 
-for command in (solve, info, simulate, convert):
+for command in (solve, info, simulate, convert, completion):
     commands.add_command(command)
 
 
@@ -43,7 +49,7 @@ def run() -> None:
         error.show()
         status = error.exit_code
     except rotavg.Error as error:
-        click.echo(f"Error: {error}", err=True)
+        print_error(str(error))
         status = 2
     except (click.Abort, KeyboardInterrupt):
         click.echo("interrupted", err=True)

@@ -24,4 +24,7 @@ def choice(name: str, values: list[str], default: str, text: str) -> Callable[[A
 
 def number(name: str, kind: Any, default: float, text: str) -> Callable[[Any], Any]:
     """An option that takes a number within bounds."""
-    return click.option(name, type=kind, default=default, show_default=True, help=text)
+    metavar = "N" if isinstance(kind, click.IntRange) else "X"
+    return click.option(
+        name, type=kind, default=default, show_default=True, metavar=metavar, help=text
+    )

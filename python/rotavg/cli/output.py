@@ -1,4 +1,7 @@
-"""What the commands print: one JSON object, a table, a line of progress."""
+"""What the commands print: one JSON object, a table, a report, an error, a line of progress.
+
+Colours are left to rich: it uses them on terminals alone, and honours NO_COLOR and TERM=dumb.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,10 @@ from typing import Any, Callable, Optional
 
 import click
 from rich.console import Console
+from rich.progress import BarColumn, SpinnerColumn, TextColumn
+from rich.progress import Progress as Bar
 from rich.table import Table
+from rich.text import Text
 
 import rotavg
 
@@ -59,6 +65,32 @@ def print_table(rows: Iterable[tuple[str, str]]) -> None:
     print_text("\n".join(line.rstrip() for line in capture.get().splitlines()))
 
 
+def print_solution(solution: rotavg.Solution) -> None:
+    """Print what `print(solution)` does; on terminals the verdict stands out."""
+    text = Text(str(solution))
+    text.highlight_regex(r"(?m)^  \w+", "dim")
+    text.highlight_regex(r"\A(Not solved|Solved)", "bold green" if solution.solved else "bold red")
+    # rich styles a group of the match by the group's name.
+    text.highlight_regex(rf"(?m)^  verdict +(?P<{_verdict_style(solution.certificate)}>.+)")
+    console = Console(highlight=False, soft_wrap=True)
+    with console.capture() as capture:
+        console.print(text, end="")
+    print_text(capture.get())
+
+
+def _verdict_style(certificate: rotavg.Certificate | None) -> str:
+    if certificate is None:
+        return "none"
+    return {"proved": "green", "estimated": "yellow"}.get(certificate.verdict.value, "red")
+
+
+def print_error(message: str) -> None:
+    """One line on stderr."""
+    Console(stderr=True, highlight=False, soft_wrap=True).print(
+        Text.assemble(("Error:", "bold red"), " ", message)
+    )
+
+
 def print_notes(graph: rotavg.MeasurementGraph) -> None:
     """What the reader wants its user to know, on stderr."""
     for note in graph.notes:
@@ -66,21 +98,53 @@ def print_notes(graph: rotavg.MeasurementGraph) -> None:
 
 
 @contextmanager
-def progress() -> Iterator[Callback]:
-    """A callback that keeps one line of progress on stderr; None where that is no terminal."""
+def working(on: str) -> Iterator[None]:
+    """Say on stderr, for as long as it lasts, what is worked on; only where that is a terminal."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    with Console(stderr=True).status(Text(on)):
+        yield
+
+
+@contextmanager
+def progress(
+    tolerance: float = 1e-9, stop: str = "gradient", certify: bool = True
+) -> Iterator[Callback]:
+    """A callback that shows on stderr how far the solver is; None where that is no terminal.
+
+    How far: by how many of the orders of magnitude that the gradient (or step) has to fall.
+    """
     if not sys.stderr.isatty():
         yield None
         return
-    with Console(stderr=True).status("starting") as line:
-        shown = 0.0
+    columns = (SpinnerColumn(), BarColumn(20), TextColumn("{task.description}"))
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("starting", total=1.0)
+        first, shown = 0.0, 0.0
 
         def show(p: rotavg.Progress) -> None:
-            nonlocal shown
-            if p.seconds - shown >= 0.1:
+            nonlocal first, shown
+            now = p.relative_gradient if stop == "gradient" else p.step
+            if p.iteration == 0:  # there is no step yet
+                first, shown = 0.0, 0.0
+            first = max(first, now)
+            if now <= tolerance and p.iteration > 0:
+                then = "certifying" if certify else "converged"
+                bar.update(task, description=then, completed=1.0)
+            elif p.seconds - shown >= 0.1:
                 shown = p.seconds
-                line.update(
+                text = (
                     f"iteration {p.iteration}, objective {p.objective:.9g}, "
                     f"relative gradient {p.relative_gradient:.1e}, {p.seconds:.1f} s"
                 )
+                bar.update(task, description=text, completed=_fraction(first, now, tolerance))
 
         yield show
+
+
+def _fraction(first: float, now: float, last: float) -> float:
+    """How far `now` is on the way from `first` down to `last`, in orders of magnitude."""
+    if not (first > now > 0 and last > 0):
+        return 0.0
+    return min(1.0, math.log(first / now) / math.log(first / last))

@@ -10,14 +10,22 @@ import click
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.options import number
-from rotavg.cli.output import print_json
+from rotavg.cli.output import print_json, working
 from rotavg.io import check_writable
 from rotavg.simulate import KINDS
 
 
-@click.command()
+@click.command(short_help="Write a measurement graph with known noise.")
 @click.argument("kind", type=click.Choice(KINDS))
-@click.option("-n", "--nodes", "n", type=click.IntRange(2), required=True, help="Number of nodes.")
+@click.option(
+    "-n",
+    "--nodes",
+    "n",
+    type=click.IntRange(2),
+    required=True,
+    metavar="N",
+    help="Number of nodes.",
+)
 @click.option(
     "-o", "--output", type=options.PATH, required=True, help="A .g2o, .txt, .csv or .npz file."
 )
@@ -37,8 +45,9 @@ def simulate(kind: str, n: int, output: Path, as_json: bool, **settings: Any) ->
       rotavg simulate complete -n 200 --noise 0.5 --drop 0.3 --seed 7 -o graph.txt
     """
     check_writable(output)
-    simulation = rotavg.simulate(kind, n, **settings)
-    rotavg.write(output, simulation.graph)
+    with working(f"simulating {n} nodes"):
+        simulation = rotavg.simulate(kind, n, **settings)
+        rotavg.write(output, simulation.graph)
     graph = simulation.graph
     if as_json:
         print_json({

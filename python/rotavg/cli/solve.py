@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -10,17 +12,29 @@ import click
 
 import rotavg
 from rotavg.cli import options
+from rotavg.cli.command import Command
 from rotavg.cli.options import choice, number
-from rotavg.cli.output import print_json, print_notes, print_text, progress
+from rotavg.cli.output import print_json, print_notes, print_solution, progress, working
 from rotavg.io import check_writable
+from rotavg.report import Run, check_report, write_report
 
 
 @click.command(
+    cls=Command,
+    short_help="Find the rotations that fit best, and certify them.",
+    groups={
+        "Input and output": ("output", "report", "unit_weights", "as_json"),
+        "Method": ("method", "init", "seed", "mu", "accelerate", "max_rank"),
+        "When to stop": ("tolerance", "stop", "max_iterations", "time_limit"),
+    },
     epilog="Exit status: 0 solved (certified, or converged with --no-certify), 1 not solved, "
-    "2 bad input or usage."
+    "2 bad input or usage.",
 )
 @click.argument("input_path", metavar="INPUT", type=options.PATH)
 @click.option("-o", "--output", type=options.PATH, help="Write a .g2o, .txt, .csv or .npz file.")
+@click.option(
+    "--report", type=options.PATH, help="Write an interactive report to look at, an .html file."
+)
 @choice("--method", ["auto", "bcd", "sum", "newton", "staircase"], "auto", "Solver.")
 @choice(
     "--init",
@@ -28,16 +42,21 @@ from rotavg.io import check_writable
     "auto",
     "Initial value.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of --init random.")
+@number("--seed", click.IntRange(0), 0, "Seed of --init random.")
 @number("--tolerance", click.FloatRange(0), 1e-9, "Stop when the gradient (or step) is below this.")
 @choice("--stop", ["gradient", "step"], "gradient", "What to stop on; 'step' is the paper's rule.")
 @number(
     "--max-iterations", click.IntRange(0, 2**31 - 1), 20000, "Limit on the number of iterations."
 )
 @click.option(
-    "--time-limit", type=click.FloatRange(0), metavar="SECONDS", help="Limit on the work."
+    "--time-limit", type=click.FloatRange(0), metavar="SECONDS", help="Limit on all the work."
 )
-@click.option("--threads", type=click.IntRange(1, 4096), help="Number of threads.  [default: all]")
+@click.option(
+    "--threads",
+    type=click.IntRange(1, 4096),
+    metavar="N",
+    help="Number of threads; the result is the same for any.  [default: all]",
+)
 @choice("--mu", ["adaptive", "min_eigenvalue"], "adaptive", "How --method sum chooses mu.")
 @click.option(
     "--accelerate", is_flag=True, help="Extrapolate, with --method bcd and sum: fewer iterations."
@@ -51,6 +70,7 @@ from rotavg.io import check_writable
 def solve(
     input_path: Path,
     output: Path | None,
+    report: Path | None,
     threads: int | None,
     no_certify: bool,
     unit_weights: bool,
@@ -61,29 +81,47 @@ def solve(
 
     \b
     Examples:
-      rotavg solve graph.g2o -o solved.g2o
+      rotavg solve graph.g2o -o solved.g2o --report report.html
       rotavg solve graph.txt --method sum --threads 4 --json
     """
     if output is not None:
         check_writable(output)  # before the work, not after it
+    if report is not None:
+        check_report(report, input_path, output)
     start = time.perf_counter()
-    graph = rotavg.read(input_path, unit_weights=unit_weights)
+    with working(f"reading {input_path}"):
+        graph = rotavg.read(input_path, unit_weights=unit_weights)
     read_seconds = time.perf_counter() - start
     if not as_json:
         print_notes(graph)
-    with progress() as callback:
+    with progress(settings["tolerance"], settings["stop"], not no_certify) as callback:
         solution = rotavg.solve(
             graph, num_threads=threads, certify=not no_certify, callback=callback, **settings
         )
     if output is not None:
         rotavg.write(output, solution)
+    if report is not None:
+        with working(f"writing {report}"):
+            write_report(report, solution, _run(input_path, read_seconds))
     if as_json:
         print_json(_summary(solution, read_seconds, time.perf_counter() - start))
     else:
-        print_text(str(solution))
-        if output is not None:
-            click.echo(f"wrote {output}", err=True)
+        print_solution(solution)
+        for path in (output, report):
+            if path is not None:
+                click.echo(f"wrote {path}", err=True)
     return 0 if solution.solved else 1
+
+
+def _run(input_path: Path, read_seconds: float) -> Run:
+    """What the report says of how to repeat this."""
+    settings = {
+        name: value
+        for name, value in click.get_current_context().params.items()
+        if name not in ("input_path", "output", "report", "as_json")
+    }
+    command = shlex.join(["rotavg", *sys.argv[1:]])
+    return Run(command, input_path, settings, {"read": read_seconds})
 
 
 def _summary(solution: rotavg.Solution, read: float, total: float) -> dict[str, Any]:

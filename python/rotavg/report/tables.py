@@ -1,0 +1,87 @@
+"""The tables of the page: the worst edges, the components."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Union
+
+import numpy as np
+
+from rotavg.report.verdict import is_reweighted
+from rotavg.solution import Solution
+
+Cell = Union[str, float]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table that can be sorted by every column.
+
+    Attributes:
+        caption: what is in it, and what was left out.
+        columns: their headings.
+        rows: cells; a number is sorted as one and shown with four digits.
+    """
+
+    caption: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+
+
+def worst_edges(solution: Solution, limit: int = 200) -> Table:
+    """The edges with the largest residuals."""
+    graph = solution.graph
+    degrees = np.degrees(solution.residual_angles)
+    worst = np.argsort(-degrees, kind="stable")[:limit]
+    columns = ["from", "to", "residual [deg]", "weight"]
+    figures = [degrees, graph.weights]
+    if is_reweighted(solution):
+        columns.append("final weight")
+        figures.append(solution.edge_weights)
+        if hasattr(solution, "edge_verdicts"):
+            columns.append("verdict")
+            figures.append(solution.edge_verdicts)
+    if solution.num_components > 1:
+        columns.append("component")
+        figures.append(solution.component[graph.indices[:, 0]] + 1)
+    rows = [
+        [*map(str, graph.edges[k].tolist()), *(figure[k].item() for figure in figures), int(k)]
+        for k in worst
+    ]
+    m = graph.num_edges
+    shown = f"All {m} edges" if m <= limit else f"The {limit} worst of {m} edges"
+    caption = f"{shown}; the row counts the edges of the input from 0."
+    return Table(caption, [*columns, "row"], rows)
+
+
+def components(solution: Solution, limit: int = 100) -> Table:
+    """The largest connected components, each with a gauge of its own."""
+    graph, label = solution.graph, solution.component
+    count = solution.num_components
+    of_edge = label[graph.indices[:, 0]]
+    nodes, edges = np.bincount(label, minlength=count), np.bincount(of_edge, minlength=count)
+    angles = solution.residual_angles
+    # |R_i R_ij - R_j|_F^2 = 8 sin^2(angle / 2)
+    objective = np.bincount(of_edge, 8 * solution.edge_weights * np.sin(angles / 2) ** 2, count)
+    degrees = np.degrees(angles)
+    first = np.unique(label, return_index=True)[1]
+    by_label = np.argsort(of_edge, kind="stable")
+    ends = np.concatenate([[0], np.cumsum(edges)])
+    rows = []
+    for k in np.argsort(-nodes, kind="stable")[:limit].tolist():
+        own = degrees[by_label[ends[k] : ends[k + 1]]]
+        residuals: list[Cell] = ["", ""]
+        if len(own) > 0:
+            residuals = [float(np.median(own)), float(own.max())]
+        row: list[Cell] = [k + 1, int(nodes[k]), int(edges[k]), objective[k].item(), *residuals]
+        rows.append([*row, str(graph.nodes[first[k]].item())])
+    shown = f"All {count}" if count <= limit else f"The {limit} largest of {count}"
+    return Table(
+        f"{shown} components. In each, the first node has the identity.",
+        [
+            "component", "nodes", "edges", "objective", "median residual [deg]",
+            "largest residual [deg]", "first node",
+        ],
+        rows,
+    )  # fmt: skip

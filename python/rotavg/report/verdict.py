@@ -1,0 +1,116 @@
+"""What is proved and what is not, in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotavg.solution import Certificate, Solution, Verdict
+
+
+@dataclass(frozen=True)
+class Statement:
+    """The sentence at the top of the page.
+
+    Attributes:
+        level: "proved", "estimated", "open" (nothing was refuted) or "failed".
+        headline: one sentence.
+        details: what it means, and what it does not.
+    """
+
+    level: str
+    headline: str
+    details: tuple[str, ...]
+
+
+_PROOFS = {
+    "factorization": "a factorisation of the certificate's matrix (Theorem 1)",
+    "connectivity": "the graph's connectivity, which outweighs the residuals",
+    "relaxation": "the optimum of the relaxation, which no rotations can beat",
+    "nonnegativity": "the objective itself, which is zero to the tolerance and cannot be negative",
+}
+
+
+def statement(solution: Solution) -> Statement:
+    """The verdict on a solution, worded so that it claims no more than is known."""
+    certificate = solution.certificate
+    if certificate is None:
+        return _without_certificate(solution)
+    if certificate.verdict == Verdict.PROVED:
+        how = _PROOFS.get(certificate.method, certificate.method)
+        return Statement(
+            "proved",
+            "Proved: no other rotations fit these measurements better.",
+            (
+                f"{_gap(certificate)}, by {how}, with rounding accounted for.",
+                *_reservations(solution),
+            ),
+        )
+    if certificate.verdict == Verdict.ESTIMATED:
+        return Statement(
+            "estimated",
+            "Very probably optimal: an eigenvalue estimate found no better answer. This is not a "
+            "proof.",
+            (f"{_gap(certificate)}, if the estimate is right.", *_reservations(solution)),
+        )
+    return _not_certified(solution, certificate)
+
+
+def _without_certificate(solution: Solution) -> Statement:
+    details = ("No certificate was asked for: how far this is from the optimum is not known.",)
+    if solution.status.converged:
+        return Statement("open", "Converged to a stationary point; optimality unknown.", details)
+    return Statement("failed", f"Not solved: {solution.status}.", details)
+
+
+def _not_certified(solution: Solution, certificate: Certificate) -> Statement:
+    bound = (f"{_gap(certificate)}.",) if np.isfinite(certificate.gap) else ()
+    if not solution.status.converged:
+        headline = f"Not solved: {solution.status}."
+        return Statement("failed", headline, (*bound, "Let it run longer, or try another method."))
+    if certificate.method == "none":
+        headline = "Converged, but there was no time left for a proof."
+        return Statement("open", headline, bound)
+    if certificate.method == "relaxation":
+        return Statement(
+            "failed",
+            "Not certified: the measurements are too noisy for a proof of this kind.",
+            (
+                *bound,
+                "The staircase met the optimum of the relaxation, which lies below these rotations: "
+                "no better ones were found, and none can be better than by this gap.",
+            ),
+        )
+    return Statement(
+        "failed",
+        "Not certified: other rotations may fit these measurements better.",
+        (
+            *bound,
+            "Either this is a local optimum (another initial value may lead to a better one), or "
+            "the measurements are so noisy that the bound is not tight.",
+        ),
+    )
+
+
+def _gap(certificate: Certificate) -> str:
+    return (
+        f"The objective is at most {certificate.gap:.2g} above the global optimum "
+        f"(relative {certificate.relative_gap:.2g})"
+    )
+
+
+def _reservations(solution: Solution) -> tuple[str, ...]:
+    said = ["This says nothing about whether the measurements are right: look at the residuals."]
+    if is_reweighted(solution):
+        said.insert(
+            0,
+            "It holds for the problem with the final weights. That these weights are the best ones "
+            "for the robust loss is not proved.",
+        )
+    return tuple(said)
+
+
+def is_reweighted(solution: Solution) -> bool:
+    """Whether a robust loss has changed the weights of the edges."""
+    return not np.array_equal(solution.edge_weights, solution.graph.weights)

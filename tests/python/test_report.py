@@ -1,0 +1,264 @@
+"""The report: what it says is true, and it is one page that keeps to itself."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+import rotavg
+from report_graphs import NASTY, large, named, posed
+from rotavg import report
+from rotavg.report import tables
+from rotavg.report.verdict import statement
+from test_cli import run
+
+
+class Text(HTMLParser):
+    """What a browser shows: headline, cells and so on, without scripts and styles."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.path: list[str] = []
+        self.shown: list[tuple[str, str]] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attributes)))
+        if tag not in ("meta", "link"):
+            self.path.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.path.pop() == tag  # well-formed
+
+    def handle_data(self, data: str) -> None:
+        if data.strip() and self.path[-1] not in ("script", "style"):
+            self.shown.append((self.path[-1], data.strip()))
+
+    def of(self, tag: str) -> list[str]:
+        return [text for where, text in self.shown if where == tag]
+
+
+def figures(page: str) -> dict[str, dict[str, list[dict[str, object]]]]:
+    found = re.search(
+        r'<script type="application/json" id="figures">\n(.*?)\n</script>', page, re.S
+    )
+    assert found is not None
+    result: dict[str, dict[str, list[dict[str, object]]]] = json.loads(found[1])
+    return result
+
+
+def test_names_are_shown_and_never_run() -> None:
+    solution = named()
+    page = report.html(solution, title="<i>title</i>")
+    text = Text(page)
+    assert text.of("h1") == ["<i>title</i>"]
+    worst = int(np.argmax(solution.residual_angles))
+    assert str(solution.graph.edges[worst, 0]) in text.of("td")
+    assert NASTY not in page
+    assert f"{NASTY}0" in text.of("td")  # the first node of a component, as text
+    assert "Note: 3 lines <skipped>" in text.of("p")
+    assert [name for name, _ in text.tags].count("script") == 3
+    hover = figures(page)["space"]["data"][1]["text"]
+    assert isinstance(hover, list)
+    assert hover[0] == "&lt;b&gt;0&lt;/b&gt; &amp; &quot;0&quot;.jpg"
+
+
+def test_nothing_is_loaded_from_anywhere(tmp_path: Path) -> None:
+    for solution in (named(), posed(tmp_path)):
+        for tag, attributes in Text(report.html(solution)).tags:
+            for name in ("src", "href", "action", "srcset", "data"):
+                assert attributes.get(name) in (None, "data:,"), tag
+
+
+def test_the_tables_tell_the_worst_edges_and_the_components() -> None:
+    solution = named()
+    graph, degrees = solution.graph, np.degrees(solution.residual_angles)
+    table = tables.worst_edges(solution, limit=10)
+    assert "10 worst of" in table.caption
+    for row, k in zip(table.rows, np.argsort(-degrees)[:10]):
+        assert row[:4] == [*graph.edges[k].tolist(), degrees[k], graph.weights[k]]
+        assert row[-1] == k
+    rows = tables.components(solution).rows
+    assert [row[1] for row in rows] == [60, 7, 1]
+    assert rows[2][2:6] == [0, 0.0, "", ""]
+    assert sum(float(row[3]) for row in rows) == pytest.approx(solution.objective, rel=1e-12)
+    only = solution.graph.subgraph(graph.nodes[solution.component == 1])
+    assert rows[1][3] == pytest.approx(rotavg.solve(only).objective, rel=1e-6)
+    assert rows[1][5] == pytest.approx(degrees[solution.component[graph.indices[:, 0]] == 1].max())
+
+
+@pytest.fixture(scope="module")
+def solved() -> rotavg.Solution:
+    return rotavg.solve(rotavg.simulate("complete", 20, noise=0.1, seed=1).graph)
+
+
+@pytest.mark.parametrize(
+    ("changes", "certificate", "level", "words"),
+    [
+        ({}, {}, "proved", "Proved: no other rotations fit these measurements better."),
+        ({}, {"verdict": rotavg.Verdict.ESTIMATED}, "estimated", "This is not a proof."),
+        ({}, {"verdict": rotavg.Verdict.NOT_CERTIFIED}, "failed", "Not certified: other rotations"),
+        (
+            {},
+            {"verdict": rotavg.Verdict.NOT_CERTIFIED, "method": "none", "gap": np.inf},
+            "open",
+            "no time left for a proof",
+        ),
+        (
+            {"status": rotavg.Status.TIME_LIMIT},
+            {"verdict": rotavg.Verdict.NOT_CERTIFIED, "method": "none", "gap": np.inf},
+            "failed",
+            "Not solved: stopped early, at the time limit.",
+        ),
+        ({"certificate": None}, None, "open", "optimality unknown"),
+        (
+            {"certificate": None, "status": rotavg.Status.STOPPED},
+            None,
+            "failed",
+            "Not solved: stopped early, by the callback.",
+        ),
+    ],
+)
+def test_the_headline_claims_no_more_than_is_known(
+    solved: rotavg.Solution,
+    changes: dict[str, object],
+    certificate: dict[str, object] | None,
+    level: str,
+    words: str,
+) -> None:
+    if certificate is not None:
+        assert solved.certificate is not None
+        changes = {**changes, "certificate": dataclasses.replace(solved.certificate, **certificate)}  # type: ignore[arg-type]
+    solution = dataclasses.replace(solved, **changes)  # type: ignore[arg-type]
+    said = statement(solution)
+    assert said.level == level
+    assert words in said.headline
+    assert ("proved" in said.headline.lower()) == (level == "proved")
+    page = report.html(solution)
+    assert said.headline in Text(page).of("p")
+    assert not {"inf", "nan"} & set(re.findall(r"\w+", " ".join(said.details)))
+
+
+def test_with_robust_weights_the_proof_is_of_the_weighted_problem(
+    solved: rotavg.Solution, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "final weights" not in " ".join(statement(solved).details)
+    weights = np.linspace(0.1, 1, solved.graph.num_edges)
+    monkeypatch.setattr(rotavg.Solution, "edge_weights", property(lambda _: weights))
+    assert "final weights" in " ".join(statement(solved).details)
+    verdicts = np.where(weights < 0.5, "robust_weight", "inlier")
+    monkeypatch.setattr(
+        rotavg.Solution, "edge_verdicts", property(lambda _: verdicts), raising=False
+    )
+    table = tables.worst_edges(solved)
+    for row in table.rows:
+        cells = dict(zip(table.columns, row))
+        edge = int(cells["row"])
+        assert cells["verdict"] == verdicts[edge]
+        assert cells["final weight"] == weights[edge]
+    page = report.html(solved)
+    assert "final weight" in Text(page).of("button")
+    assert len(figures(page)["residuals"]["data"]) == 2
+
+
+def test_a_hundred_thousand_edges_stay_below_15_mb() -> None:
+    solution = large()
+    assert solution.graph.num_edges > 100_000
+    page = report.html(solution)
+    assert len(page.encode()) < 8_000_000  # of which plotly.js is 5
+    assert "200 worst of 100" in page
+
+
+def test_the_smallest_graphs_have_a_report() -> None:
+    exact = rotavg.MeasurementGraph.from_rotvecs([("a", "b")], [[0, 0, 1]])
+    assert "Proved" in report.html(rotavg.solve(exact))
+    assert "Proved" in report.html(rotavg.solve(exact, max_iterations=0))
+    report.html(rotavg.solve(exact, time_limit=0.0))
+
+
+def test_long_traces_are_thinned(solved: rotavg.Solution) -> None:
+    k = 100_000
+    trace = rotavg.Trace(*(np.linspace(2, 1, k) for _ in range(4)), seconds=np.arange(k) / 1e3)
+    page = report.html(dataclasses.replace(solved, trace=trace))
+    assert len(page) < 6_000_000
+
+
+def test_the_command_writes_a_report_that_says_how_to_repeat_it(tmp_path: Path) -> None:
+    graph = tmp_path / "my graph.g2o"
+    rotavg.write(graph, rotavg.simulate("sphere", 100, noise=0.1, seed=1).graph)
+    done = run("solve", graph, "--report", tmp_path / "out.html", "--seed", "7", "--json")
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert json.loads(done.stdout)["solved"]
+    text = Text((tmp_path / "out.html").read_text(encoding="utf-8"))
+    command = text.of("code")[0]
+    assert command == f"rotavg solve '{graph}' --report {tmp_path / 'out.html'} --seed 7 --json"
+    cells = dict(zip(text.of("th"), text.of("td")[-len(text.of("th")) :]))
+    assert cells["option seed"] == "7"
+    assert cells["option method"] == "auto"
+    assert re.search(r"SHA-256 [0-9a-f]{64}$", cells["input"])
+    assert float(cells["read"].removesuffix(" s")) > 0
+    done = run("solve", graph, "--report", tmp_path / "out.html")  # replaces it
+    assert done.returncode == 0
+    assert f"wrote {tmp_path / 'out.html'}" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--report", "out.g2o"], "out.g2o: the name of a report ends in .html"),
+        (["--report", "graph.html"], "would replace another file of this run"),
+        (["--report", "./link.html"], "would replace another file of this run"),
+        (["--report", "x.html", "-o", "x.html"], "known formats"),
+        (["--report", "no/folder/x.html"], "no/folder/x.html: cannot be written: there is no"),
+        (["--report", "folder.html"], "cannot be written: it is a folder"),
+    ],
+)
+def test_a_report_replaces_nothing_it_should_not(
+    arguments: list[str], message: str, tmp_path: Path
+) -> None:
+    rotavg.write(tmp_path / "g.g2o", rotavg.simulate("cycle", 5, noise=0.1, seed=1).graph)
+    (tmp_path / "g.g2o").rename(tmp_path / "graph.html")  # recognised by its content
+    (tmp_path / "link.html").symlink_to("graph.html")
+    (tmp_path / "folder.html").mkdir()
+    before = {path: path.is_file() and path.read_bytes() for path in tmp_path.iterdir()}
+    done = run("solve", "graph.html", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+    assert {path: path.is_file() and path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("page", "made"), [("report.md", "report.html"), ("plots.md", "plots.png")]
+)
+def test_the_programs_of_the_documentation_run(
+    page: str, made: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    mpl.use("Agg")
+    docs = Path(__file__).resolve().parents[2] / "docs"
+    (program,) = re.findall(r"```python\n(.*?)```", (docs / page).read_text("utf-8"), re.DOTALL)
+    exec(program, {})
+    assert (tmp_path / made).stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("module", ["plotly.graph_objects", "jinja2"])
+def test_without_the_extra_it_is_named_before_the_work(
+    module: str, solved: rotavg.Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(rotavg.MissingExtraError, match=r"rotavg\[report\]"):
+        report.check_report(tmp_path / "out.html")
+    with pytest.raises(rotavg.MissingExtraError, match=r"rotavg\[report\]"):
+        report.write_report(tmp_path / "out.html", solved)
+    assert list(tmp_path.iterdir()) == []
