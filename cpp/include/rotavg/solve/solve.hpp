@@ -115,7 +115,6 @@ class FrontDoor {
     IterationOptions rest = options_.iteration;
     rest.time_limit = time_left();
     rest.max_iterations = std::max(0, rest.max_iterations - iterations_);
-    rest.keep_going = keep_going_;
     return rest;
   }
 
