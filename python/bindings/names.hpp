@@ -31,7 +31,8 @@ struct Names<rotavg::Method> {
       {rotavg::Method::automatic, "auto"},
       {rotavg::Method::bcd, "bcd"},
       {rotavg::Method::sum, "sum"},
-      {rotavg::Method::newton, "newton"}};
+      {rotavg::Method::newton, "newton"},
+      {rotavg::Method::bcdsr, "bcdsr"}};
 };
 
 template <>

@@ -9,6 +9,7 @@ import click
 import rotavg
 from rotavg.cli.convert import convert
 from rotavg.cli.info import info
+from rotavg.cli.reproduce import reproduce
 from rotavg.cli.simulate import simulate
 from rotavg.cli.solve import solve
 
@@ -31,7 +32,7 @@ def commands() -> None:
     """
 
 
-for command in (solve, info, simulate, convert):
+for command in (solve, info, simulate, convert, reproduce):
     commands.add_command(command)
 
 

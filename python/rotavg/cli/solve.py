@@ -21,7 +21,7 @@ from rotavg.io import check_writable
 )
 @click.argument("input_path", metavar="INPUT", type=options.PATH)
 @click.option("-o", "--output", type=options.PATH, help="Write a .g2o, .txt, .csv or .npz file.")
-@choice("--method", ["auto", "bcd", "sum", "newton"], "auto", "Solver.")
+@choice("--method", ["auto", "bcd", "sum", "newton", "bcdsr"], "auto", "Solver.")
 @choice(
     "--init",
     ["auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random"],

@@ -12,13 +12,14 @@ enum class Method {
   bcd,     ///< block coordinate descent, Algorithm 2
   sum,     ///< successive upper-bound minimisation, Algorithm 3
   newton,  ///< Newton's method in the metric of the graph Laplacian
+  bcdsr,   ///< block coordinate descent on the semidefinite relaxation, the paper's baseline
 };
 
 /// When an iteration has converged.
 enum class StopRule {
   gradient,  ///< GradientNorm::relative <= tolerance
   /// The paper's: BCD stops at sum_k |R_k - R_k'| / |R_k| < tolerance, SUM at |R - R'| / |R| <
-  /// tolerance. On a badly conditioned graph a small step does not mean a small gradient.
+  /// tolerance. (BCDSR at |Y - Y'| / |Y| < tolerance: the paper does not give its rule.) On a badly conditioned graph a small step does not mean a small gradient.
   step,
 };
 

@@ -21,6 +21,7 @@
 #include <rotavg/solve/accelerated.hpp>
 #include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/bcd.hpp>
+#include <rotavg/solve/bcdsr.hpp>
 #include <rotavg/solve/newton.hpp>
 #include <rotavg/solve/options.hpp>
 #include <rotavg/solve/result.hpp>
@@ -114,6 +115,8 @@ inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
                                   : sum(graph, R, iteration, options.mu);
       case Method::newton:
         return newton(graph, R, iteration);
+      case Method::bcdsr:
+        return bcdsr(graph, R, iteration);
       case Method::automatic:
         break;
     }
@@ -143,7 +146,8 @@ inline void run_from(const MeasurementGraph& graph, const SolveOptions& options,
 /// returned.
 ///
 /// @param start an initial value to use instead of options.init (a warm start)
-/// @throws std::invalid_argument unless `start` holds a rotation for each node
+/// @throws std::invalid_argument unless `start` holds a rotation for each node, and if bcdsr's
+///         dense matrix does not fit in memory
 inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options = {},
                       std::optional<Rotations> start = std::nullopt) {
   const Stopwatch watch;
