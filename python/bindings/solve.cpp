@@ -91,7 +91,9 @@ py::tuple invalid_option_arguments(const InvalidOption& error) {
   return py::make_tuple(error.what());
 }
 
-py::tuple too_large_arguments(const rotavg::TooLarge& error) { return py::make_tuple(error.what()); }
+py::tuple too_large_arguments(const rotavg::TooLarge& error) {
+  return py::make_tuple(error.what());
+}
 
 }  // namespace
 

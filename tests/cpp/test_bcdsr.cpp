@@ -59,8 +59,8 @@ TEST_CASE("Y stays feasible and its objective is 6 sum w - tr(Rt Y)") {
         REQUIRE(infeasibility(Y) < 1e-7);
         const double expected =
             6.0 * graph.total_weight() - test::dense_measurements(graph).cwiseProduct(Y).sum();
-        REQUIRE(relaxation.objective() ==
-                doctest::Approx(expected).epsilon(0).scale(1).epsilon(1e-12 * graph.total_weight()));
+        REQUIRE(relaxation.objective() == doctest::Approx(expected).epsilon(0).scale(1).epsilon(
+                                              1e-12 * graph.total_weight()));
       }
     }
   }
@@ -108,7 +108,8 @@ TEST_CASE("the objective of (6) never rises and ends at f*, as do the rotations"
     test::spread_weights(random, 0.5, measurements);
     const MeasurementGraph graph(measurements);
     const double optimum = newton(graph, shortest_path_init(graph)).objective;
-    for (const Rotations& start : {shortest_path_init(graph), random.rotations(graph.num_nodes())}) {
+    for (const Rotations& start :
+         {shortest_path_init(graph), random.rotations(graph.num_nodes())}) {
       IterationOptions options;
       options.tolerance = 1e-10;
       const IterationResult result = bcdsr(graph, start, options);

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable
 
@@ -18,7 +19,7 @@ from rotavg.io.atomic import check_writable
 from rotavg.reproduce import EXPERIMENTS, Settings, write
 
 
-class _Sizes(click.ParamType):
+class _Sizes(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     """Whole numbers of at least 3, with commas between them."""
 
     name = "n,n,..."
@@ -35,9 +36,7 @@ class _Sizes(click.ParamType):
         return sizes
 
 
-@click.command(
-    epilog="table1 takes 2 min, with --sizes 20,200,2000 some 5 min more; the figures a few seconds."
-)
+@click.command(epilog="\b\n" + "\n".join(f"{name:<8}{e.title}" for name, e in EXPERIMENTS.items()))
 @click.argument(
     "names", metavar="WHAT...", type=click.Choice([*EXPERIMENTS, "all"]), nargs=-1, required=True
 )
@@ -59,8 +58,8 @@ class _Sizes(click.ParamType):
 def reproduce(names: tuple[str, ...], folder: Path, as_json: bool, **settings: Any) -> None:
     """Reproduce tables and figures of the paper (Dong, Xie and Shi 2021).
 
-    WHAT is one or several of table1, fig2, fig3, fig5, or all. Each leaves a Markdown file, a JSON
-    file and, if it is a figure, a PNG and a PDF in FOLDER.
+    WHAT is one or several of those below, or all. Each leaves a Markdown file, a JSON file and, if
+    it is a figure, a PNG and a PDF in FOLDER. Table 1 takes some minutes, a figure some seconds.
 
     \b
     Examples:
@@ -73,13 +72,12 @@ def reproduce(names: tuple[str, ...], folder: Path, as_json: bool, **settings: A
     for name in chosen:
         check_writable(folder / f"{name}.json")
     found = {}
+    note = partial(click.echo, err=True)
     with _line() as progress:
         for name in chosen:
             experiment = EXPERIMENTS[name]
             progress(experiment.title)
-            outcome = experiment.run(
-                Settings(note=lambda text: click.echo(text, err=True), progress=progress, **settings)
-            )
+            outcome = experiment.run(Settings(note=note, progress=progress, **settings))
             paths = write(folder, experiment, outcome)
             found[name] = outcome.data
             if not as_json:

@@ -22,7 +22,7 @@ _STYLE = {
     "axes.grid": True,
     "grid.alpha": 0.3,
     "lines.linewidth": 1.3,
-    "mathtext.fontset": "cm",
+    "mathtext.fontset": "stix",
     "pdf.fonttype": 42,  # text stays text
 }
 

@@ -24,7 +24,7 @@ def run(settings: Settings) -> Outcome:
     return Outcome(
         _markdown(n, checks),
         {"n": n, "graphs": checks},
-        drawing.pictures(_draw, height=3.1),
+        drawing.pictures(_draw, height=2.9),
     )
 
 
@@ -68,7 +68,7 @@ def _markdown(n: int, checks: list[dict[str, Any]]) -> str:
     ]
     return (
         f"Noiseless measurements of {n} random rotations; the closed forms of the figure, and the "
-        "largest entry by which they differ from the truth and from `init=\"shortest_path\"`:\n\n"
+        'largest entry by which they differ from the truth and from `init="shortest_path"`:\n\n'
         + markdown_table(["graph", "f", "from the truth", "from the shortest paths"], rows)
     )
 
@@ -78,42 +78,46 @@ def _markdown(n: int, checks: list[dict[str, Any]]) -> str:
 
 def _draw(figure: Figure) -> None:
     panels = figure.subplots(1, 2)
-    for axes in panels:
+    titles = (
+        "complete graph: $R_1 = I,\\; R_i = R_{1i}$",
+        "cycle: $R_1 = I,\\; R_i = R_{12} R_{23} \\cdots R_{(i-1)i}$",
+    )
+    for axes, title in zip(panels, titles):
         axes.set_aspect("equal")
         axes.set_axis_off()
-        axes.set(xlim=(-1.75, 1.75), ylim=(-1.5, 1.5))
+        axes.set(xlim=(-2.1, 2.1), ylim=(-1.45, 1.8))
+        axes.text(0, 1.65, title, ha="center")
     _draw_complete(panels[0])
     _draw_cycle(panels[1])
-    panels[0].set_title("complete graph: $R_1 = I,\\; R_i = R_{1i}$")
-    panels[1].set_title("cycle: $R_1 = I,\\; R_i = R_{12} R_{23} \\cdots R_{(i-1)i}$")
 
 
 _NAMES = ("1", "2", "3", "4", "5", "n")
+_Place = tuple[float, float]
 _ON_PATH, _OFF_PATH = drawing.COLOURS["SUM"], "0.75"
 
 
-def _places() -> NDArray[np.float64]:
+def _places(radius: float = 1.0) -> list[_Place]:
     angles = np.pi / 2 - 2 * np.pi * np.arange(len(_NAMES)) / len(_NAMES)
-    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return [(radius * float(np.cos(a)), radius * float(np.sin(a))) for a in angles]
 
 
-def _arrow(axes: Axes, a: NDArray[np.float64], b: NDArray[np.float64], label: str | None) -> None:
+def _arrow(axes: Axes, a: _Place, b: _Place, label: str | None) -> None:
     """An edge of a shortest path, with its measurement's name; without a name, any other edge."""
     colour = _OFF_PATH if label is None else _ON_PATH
     style = {"arrowstyle": "-|>", "shrinkA": 11, "shrinkB": 11, "color": colour, "zorder": 1}
     axes.annotate("", b, a, arrowprops={**style, "linewidth": 0.8 if label is None else 1.5})
     if label is not None:
-        middle = 0.42 * a + 0.58 * b
+        x, y = (0.5 * (p + q) for p, q in zip(a, b))
         box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
-        axes.text(*middle, label, ha="center", va="center", fontsize=8, bbox=box)
+        axes.text(x, y, label, ha="center", va="center", fontsize=8, bbox=box)
 
 
 def _draw_nodes(axes: Axes, labels: list[str]) -> None:
-    for place, name, label in zip(_places(), _NAMES, labels):
-        axes.plot(*place, "o", markersize=17, color="white", markeredgecolor="black", zorder=3)
-        axes.text(*place, f"${name}$", ha="center", va="center", zorder=4)
-        side = "center" if abs(place[0]) < 0.1 else ("left" if place[0] > 0 else "right")
-        axes.text(*(1.25 * place), f"${label}$", ha=side, va="center")
+    for (x, y), outside, name, label in zip(_places(), _places(1.25), _NAMES, labels):
+        axes.plot(x, y, "o", markersize=17, color="white", markeredgecolor="black", zorder=3)
+        axes.text(x, y, f"${name}$", ha="center", va="center", zorder=4)
+        side = "center" if abs(x) < 0.1 else ("left" if x > 0 else "right")
+        axes.text(*outside, f"${label}$", ha=side, va="center")
 
 
 def _draw_complete(axes: Axes) -> None:

@@ -12,8 +12,8 @@ from rotavg.graph import MeasurementGraph
 from rotavg.solution import Solution, Verdict
 from rotavg.solve import certify, solve
 
-# The paper's rule with an epsilon of ours, as it does not print its own. For BCDSR it gives no rule:
-# |Y - Y'| / |Y| < epsilon.
+# The paper's rule with an epsilon of ours, as it does not print its own. For BCDSR it gives no
+# rule: |Y - Y'| / |Y| < epsilon.
 EPSILON = 1e-9
 STOPPING: dict[str, Any] = {"stop": "step", "tolerance": EPSILON}
 

@@ -121,7 +121,7 @@ def _summary(runs: list[Run], reference: list[Run]) -> dict[str, Any]:
 
 
 def _difference(runs: list[Run], reference: list[Run], name: str) -> float:
-    return max(abs(getattr(a, name) / b.objective - 1) for a, b in zip(runs, reference))
+    return float(max(abs(getattr(a, name) / b.objective - 1) for a, b in zip(runs, reference)))
 
 
 def _data(rows: list[Row]) -> list[dict[str, Any]]:
@@ -145,8 +145,8 @@ def _data(rows: list[Row]) -> list[dict[str, Any]]:
 
 def _markdown(rows: list[Row]) -> str:
     return "\n".join([
-        "avg.error, the mean of ‖R_i R_ij − R_j‖_F, averaged over the graphs (± its standard error),\n"
-        "and f/|E|, the mean of the squares, which the caption of Table 1 names:\n",
+        "avg.error, the mean of ‖R_i R_ij − R_j‖_F, averaged over the graphs (± its standard\n"
+        "error), and f/|E|, the mean of the squares, which the caption of Table 1 names:\n",
         markdown_table(
             ["n", "φ [rad]", "p", "graphs", "BCDSR, paper", "BCD, SUM, paper", "BCDSR", "BCD",
              "SUM", "f/\\|E\\| (BCD)"],

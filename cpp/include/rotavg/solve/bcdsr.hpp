@@ -14,13 +14,13 @@
 
 namespace rotavg {
 
-/// Block coordinate descent on the semidefinite relaxation (6): the baseline that the paper compares
-/// with (Eriksson, Olsson, Kahl and Chin 2018, "Rotation averaging and strong duality", Algorithm
-/// 1). One iteration is a sweep over all block rows, each with the newest values of the others; the
-/// rotations come from the first block row of Y.
+/// Block coordinate descent on the semidefinite relaxation (6): the baseline that the paper
+/// compares with (Eriksson, Olsson, Kahl and Chin 2018, "Rotation averaging and strong duality",
+/// Algorithm 1). One iteration is a sweep over all block rows, each with the newest values of the
+/// others; the rotations come from the first block row of Y.
 ///
-/// It minimises over n^2 blocks what BCD minimises over n: an iteration takes 54 n m multiply-adds for
-/// m edges (27 n^3 on a complete graph), and Y takes 72 n^2 bytes.
+/// It minimises over n^2 blocks what BCD minimises over n: an iteration takes 54 n m multiply-adds
+/// for m edges (27 n^3 on a complete graph), and Y takes 72 n^2 bytes.
 ///
 /// The objective in the trace is that of (6), 6 sum w - tr(Rt Y), which falls at every step; f of
 /// the result is that of its rotations. Gradients are those of f at the rotations, the step is

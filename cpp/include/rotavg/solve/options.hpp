@@ -19,7 +19,8 @@ enum class Method {
 enum class StopRule {
   gradient,  ///< GradientNorm::relative <= tolerance
   /// The paper's: BCD stops at sum_k |R_k - R_k'| / |R_k| < tolerance, SUM at |R - R'| / |R| <
-  /// tolerance. (BCDSR at |Y - Y'| / |Y| < tolerance: the paper does not give its rule.) On a badly conditioned graph a small step does not mean a small gradient.
+  /// tolerance. (BCDSR at |Y - Y'| / |Y| < tolerance: the paper does not give its rule.) On a badly
+  /// conditioned graph a small step does not mean a small gradient.
   step,
 };
 

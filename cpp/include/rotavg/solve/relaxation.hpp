@@ -121,8 +121,8 @@ class SemidefiniteRelaxation {
     return weighted_rotation(h.node_from_l) / graph_.degree(k);
   }
 
-  /// S = B W; its rows of node k are not used. A few rows at a time, which stay in the cache, and by
-  /// products that start no threads of their own.
+  /// S = B W; its rows of node k are not used. A few rows at a time, which stay in the cache, and
+  /// by products that start no threads of their own.
   void S_from_measured_column(Index k) {
     constexpr Eigen::Index panel = 256;
     const auto num_panels = static_cast<Index>((S_.rows() + panel - 1) / panel);
