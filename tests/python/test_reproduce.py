@@ -164,8 +164,9 @@ def test_the_command_writes_tables_pictures_and_json(tmp_path: Path) -> None:
     [
         ([], "Missing argument 'WHAT...'"),
         (["fig1"], "'fig1' is not one of 'table1'"),
-        (["table1", "--sizes", "20,x"], "found '20,x', expected numbers of nodes from 3"),
+        (["table1", "--sizes", "20,x"], "found '20,x', expected numbers from 3"),
         (["table1", "--sizes", "2"], "found '2'"),
+        (["table1", "--sizes", "20,9999"], "found '20,9999'"),
         (["table1", "--sizes", ""], "found ''"),
         (["table1", "--runs", "0"], "0 is not in the range"),
         (["fig5", "-o", "file"], "file: cannot be made a folder"),

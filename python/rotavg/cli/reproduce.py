@@ -18,9 +18,11 @@ from rotavg.errors import FileAccessError
 from rotavg.io.atomic import check_writable
 from rotavg.reproduce import EXPERIMENTS, Settings, write
 
+_LARGEST = 5000  # nodes; complete graphs of more fill the memory
+
 
 class _Sizes(click.ParamType):  # type: ignore[type-arg, unused-ignore]
-    """Whole numbers of at least 3, with commas between them."""
+    """Numbers of nodes, with commas between them."""
 
     name = "n,n,..."
 
@@ -31,8 +33,8 @@ class _Sizes(click.ParamType):  # type: ignore[type-arg, unused-ignore]
             sizes = tuple(int(part) for part in value.split(","))
         except ValueError:
             sizes = ()
-        if not sizes or min(sizes) < 3 or max(sizes) > 100_000:
-            self.fail(f"found {value!r}, expected numbers of nodes from 3 to 100000: 20,200", param)
+        if not sizes or min(sizes) < 3 or max(sizes) > _LARGEST:
+            self.fail(f"found {value!r}, expected numbers from 3 to {_LARGEST}: 20,200", param)
         return sizes
 
 

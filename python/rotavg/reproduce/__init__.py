@@ -5,10 +5,10 @@ A further one is one more module with an `Experiment` in it, listed here.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from rotavg.io import atomic
+from rotavg.json_text import json_text
 from rotavg.reproduce import fig2, fig3, fig5, table1
 from rotavg.reproduce.experiment import Experiment, Outcome, Settings
 
@@ -29,7 +29,7 @@ def write(folder: Path, experiment: Experiment, outcome: Outcome) -> list[Path]:
         head += f"![{experiment.title}]({experiment.name}.png)\n\n"
     files = {
         "md": (head + outcome.markdown).encode(),
-        "json": (json.dumps(outcome.data, indent=2, allow_nan=False) + "\n").encode(),
+        "json": (json_text(outcome.data) + "\n").encode(),
         **outcome.pictures,
     }
     paths = []
