@@ -34,7 +34,9 @@ def pictures(draw: Callable[[Figure], None], height: float) -> dict[str, bytes]:
     """
     mpl = require("matplotlib", "plot")
     figures = require("matplotlib.figure", "plot")
-    with mpl.rc_context({**mpl.rcParamsDefault, **_STYLE}):
+    with mpl.rc_context():
+        mpl.rcdefaults()  # whatever style the user prefers
+        mpl.rcParams.update(_STYLE)
         figure: Figure = figures.Figure(figsize=(WIDTH, height), layout="constrained")
         draw(figure)
         return {"png": _saved(figure, "png", dpi=200), "pdf": _saved(figure, "pdf")}
