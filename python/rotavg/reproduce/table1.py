@@ -66,19 +66,20 @@ def _num_runs(n: int, settings: Settings) -> int:
 
 
 def _announce_bcdsr(sizes: Iterable[int], settings: Settings) -> None:
-    """How long BCDSR will take, from one sweep of it on a smaller graph: 27 n^3 a sweep."""
-    small, sweeps = 400, 10
-    sizes = list(sizes)
-    if not sizes:
-        return
-    graph = simulate("complete", small, noise=0.2, seed=settings.seed).graph
-    _, seconds = measure.timed_solve(graph, BCDSR, max_iterations=1)
+    """How long BCDSR will take, from one sweep of it, 27 n^3, on a graph that is smaller but whose
+    Y does not fit in a cache either.
+    """
+    large, sweeps = 1000, 10
     for n in sizes:
-        one = sweeps * seconds * (n / small) ** 3
+        calibration = min(n, large)
+        settings.progress(f"one sweep of BCDSR at n = {calibration}")
+        graph = simulate("complete", calibration, noise=0.2, seed=settings.seed).graph
+        _, seconds = measure.timed_solve(graph, BCDSR, max_iterations=1)
+        sweep = seconds * (n / calibration) ** 3
         graphs = 4 * _num_runs(n, settings)
         settings.note(
             f"BCDSR at n = {n}: {72e-9 * n * n:.2g} GB, about {sweeps} sweeps of "
-            f"{_duration(one / sweeps)}, {_duration(one * graphs)} for all {graphs} graphs"
+            f"{_duration(sweep)}, {_duration(sweeps * sweep * graphs)} for all {graphs} graphs"
         )
 
 
