@@ -32,7 +32,8 @@ struct Names<rotavg::Method> {
       {rotavg::Method::bcd, "bcd"},
       {rotavg::Method::sum, "sum"},
       {rotavg::Method::newton, "newton"},
-      {rotavg::Method::staircase, "staircase"}};
+      {rotavg::Method::staircase, "staircase"},
+      {rotavg::Method::bcdsr, "bcdsr"}};
 };
 
 template <>

@@ -92,10 +92,15 @@ py::tuple invalid_option_arguments(const InvalidOption& error) {
   return py::make_tuple(error.what());
 }
 
+py::tuple too_large_arguments(const rotavg::TooLarge& error) {
+  return py::make_tuple(error.what());
+}
+
 }  // namespace
 
 void bind_solve(py::module_& m) {
   register_error<InvalidOption, invalid_option_arguments>(m, "InvalidOption");
+  register_error<rotavg::TooLarge, too_large_arguments>(m, "TooLarge");
   using rotavg::Progress;
   py::class_<Progress>(m, "Progress", "One iteration of a solver.")
       .def_readonly("iteration", &Progress::iteration, "Iterations so far; 0 is the initial value.")

@@ -102,7 +102,8 @@ class Trace:
     """The course of the iteration, (k + 1,) arrays: the initial value, then k iterations.
 
     Attributes:
-        objective: f, equation (3).
+        objective: f, equation (3); of "bcdsr" the objective of the relaxation, 6 sum w - tr(Rt Y),
+            of its Y, which may lie on either side of f at its rotations.
         gradient_norm: Euclidean norm of the gradient over all nodes, per radian.
         relative_gradient: largest |gradient of node i| / degree of i, in radians.
         step: the paper's relative step.

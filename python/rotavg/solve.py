@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
 from rotavg.arrays import as_floats, read_only
-from rotavg.errors import GraphError, OptionError
+from rotavg.errors import GraphError, OptionError, SolverError
 from rotavg.graph import MeasurementGraph
 from rotavg.solution import Certificate, ComponentCertificate, Solution, Status, Timings, Trace
 
-Method = Literal["auto", "bcd", "sum", "newton", "staircase"]
+Method = Literal["auto", "bcd", "sum", "newton", "staircase", "bcdsr"]
 Init = Literal["auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random"]
 Stop = Literal["gradient", "step"]
 Mu = Literal["adaptive", "min_eigenvalue"]
@@ -52,8 +52,9 @@ def solve(
             (successive upper-bound minimisation, Algorithm 3, parallel), "newton" (Newton's method
             in the metric of the graph Laplacian), "staircase" (the Riemannian staircase of Boumal
             2015: the problem in 5 and more dimensions, where starts hardly matter, and down from
-            there), or "auto", which watches and chooses, and climbs the staircase where an answer
-            is refuted.
+            there), "bcdsr" (block coordinate descent on the dense semidefinite relaxation, Eriksson
+            et al. 2018: the paper's baseline, for comparison; 72 n^2 bytes), or "auto", which
+            watches and chooses, and climbs the staircase where an answer is refuted.
         init: the initial value: "shortest_path" (Lemma 3), "spanning_tree" (along the edges that
             agree best with the triangles around them, after Enqvist, Kahl and Olsson 2011: the one
             for outliers), "chordal" (the linear relaxation of Martinec and Pajdla 2007),
@@ -86,6 +87,7 @@ def solve(
     Raises:
         OptionError: an option that does not exist or is out of range.
         GraphError: initial rotations that are not rotations.
+        SolverError: the dense matrix of "bcdsr" does not fit in memory.
         KeyboardInterrupt: on Ctrl-C, within a fraction of a second.
     """
     start = None
@@ -196,6 +198,8 @@ def _call_core(
         raise GraphError(f"the matrix of node {graph.nodes[node].item()!r} {reason}") from None
     except _core.InvalidOption as error:
         raise OptionError(str(error)) from None
+    except _core.TooLarge as error:
+        raise SolverError(str(error)) from None
 
 
 def _node_rotations(

@@ -173,7 +173,7 @@ def test_simulate_is_reproducible_and_convert_keeps_the_graph(tmp_path: Path) ->
 
 
 def test_help_shows_examples() -> None:
-    for command in ([], ["solve"], ["info"], ["simulate"], ["convert"]):
+    for command in ([], ["solve"], ["info"], ["simulate"], ["convert"], ["reproduce"]):
         done = run(*command, "--help")
         assert done.returncode == 0
         assert "Example" in done.stdout

@@ -102,3 +102,14 @@ def test_every_component_has_a_certificate() -> None:
     assert [part.verdict.value for part in c.components] == ["not_certified", "proved"]
     assert c.gap == pytest.approx(sum(part.gap for part in c.components))
     assert c.relative_gap == max(part.relative_gap for part in c.components)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_bound_of_the_relaxation_is_the_optimum_that_bcdsr_finds(seed: int) -> None:
+    graph = rotavg.simulate("erdos_renyi", 30, density=0.12, noise=1.4, seed=seed).graph
+    solution = rotavg.solve(graph)
+    assert solution.certificate is not None
+    lower = solution.objective - solution.certificate.gap
+    relaxed = rotavg.solve(graph, method="bcdsr", max_iterations=20000, tolerance=1e-10)
+    assert relaxed.status.converged
+    assert lower == pytest.approx(relaxed.trace.objective[-1], rel=1e-6)

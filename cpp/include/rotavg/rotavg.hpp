@@ -30,6 +30,7 @@
 #include <rotavg/solve/accelerated.hpp>
 #include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/bcd.hpp>
+#include <rotavg/solve/bcdsr.hpp>
 #include <rotavg/solve/lifted_newton.hpp>
 #include <rotavg/solve/newton.hpp>
 #include <rotavg/solve/solve.hpp>

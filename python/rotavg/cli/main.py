@@ -12,6 +12,7 @@ from rotavg.cli.completion import completion
 from rotavg.cli.convert import convert
 from rotavg.cli.info import info
 from rotavg.cli.output import print_error
+from rotavg.cli.reproduce import reproduce
 from rotavg.cli.simulate import simulate
 from rotavg.cli.solve import solve
 
@@ -37,7 +38,7 @@ def commands() -> None:
     """
 
 
-for command in (solve, info, simulate, convert, completion):
+for command in (solve, info, simulate, convert, reproduce, completion):
     commands.add_command(command)
 
 

@@ -5,8 +5,6 @@ Colours are left to rich: it uses them on terminals alone, and honours NO_COLOR 
 
 from __future__ import annotations
 
-import json
-import math
 import os
 import sys
 from collections.abc import Iterable, Iterator
@@ -21,6 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 import rotavg
+from rotavg.json_text import json_text
 
 Callback = Optional[Callable[[rotavg.Progress], None]]
 
@@ -38,18 +37,8 @@ def print_text(text: str) -> None:
 
 
 def print_json(value: dict[str, Any]) -> None:
-    """One JSON object on stdout; numbers that are not finite become null."""
-    print_text(json.dumps(_finite(value), indent=2, allow_nan=False))
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    """One JSON object on stdout."""
+    print_text(json_text(value))
 
 
 def print_table(rows: Iterable[tuple[str, str]]) -> None:

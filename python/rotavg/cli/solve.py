@@ -35,7 +35,9 @@ from rotavg.report import Run, check_report, write_report
 @click.option(
     "--report", type=options.PATH, help="Write an interactive report to look at, an .html file."
 )
-@choice("--method", ["auto", "bcd", "sum", "newton", "staircase"], "auto", "Solver.")
+@choice(
+    "--method", ["auto", "bcd", "sum", "newton", "staircase", "bcdsr"], "auto", "Solver."
+)
 @choice(
     "--init",
     ["auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random"],

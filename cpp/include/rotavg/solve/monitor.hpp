@@ -36,8 +36,10 @@ class Monitor {
   double seconds() const { return watch_.seconds(); }
 
   /// Takes note of what an iteration ended with (first: of the initial value).
+  /// @param settled whether more iterations would change nothing, whatever the gradient
   /// @returns whether the solver has to stop
-  bool should_stop(double objective, const GradientNorm& gradient, double step) {
+  bool should_stop(double objective, const GradientNorm& gradient, double step,
+                   bool settled = false) {
     Progress progress;
     progress.iteration = static_cast<int>(result_.trace.size());
     progress.objective = objective;
@@ -46,7 +48,7 @@ class Monitor {
     progress.step = step;
     progress.seconds = watch_.seconds();
     result_.trace.push_back(progress);
-    result_.status = status_after(progress);
+    result_.status = status_after(progress, settled);
     return result_.status != Status::not_run;
   }
 
@@ -72,7 +74,7 @@ class Monitor {
   }
 
  private:
-  Status status_after(const Progress& progress) const {
+  Status status_after(const Progress& progress, bool settled) const {
     const bool go_on = (!options_.callback || options_.callback(progress)) &&
                        (!options_.keep_going || options_.keep_going());
     if (options_.stop == StopRule::gradient) {
@@ -80,6 +82,7 @@ class Monitor {
     } else if (progress.iteration > 0 && progress.step < options_.tolerance) {
       return Status::step_converged;
     }
+    if (settled) return Status::step_converged;
     if (!go_on) return Status::stopped;
     if (progress.seconds >= options_.time_limit) return Status::time_limit;
     if (progress.iteration >= options_.max_iterations) return Status::iteration_limit;

@@ -14,13 +14,15 @@ enum class Method {
   newton,  ///< Newton's method in the metric of the graph Laplacian
   /// the Riemannian staircase: up in rank at once, and down to rotations
   staircase,
+  bcdsr,   ///< block coordinate descent on the semidefinite relaxation, the paper's baseline
 };
 
 /// When an iteration has converged.
 enum class StopRule {
   gradient,  ///< GradientNorm::relative <= tolerance
   /// The paper's: BCD stops at sum_k |R_k - R_k'| / |R_k| < tolerance, SUM at |R - R'| / |R| <
-  /// tolerance. On a badly conditioned graph a small step does not mean a small gradient.
+  /// tolerance. (BCDSR at |Y - Y'| / |Y| < tolerance: the paper does not give its rule.) On a badly
+  /// conditioned graph a small step does not mean a small gradient.
   step,
 };
 

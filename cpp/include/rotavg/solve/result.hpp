@@ -9,7 +9,7 @@
 namespace rotavg {
 
 /// What every iterative solver returns. All figures are evaluated at `rotations`, up to rounding
-/// (the gauge is fixed after them).
+/// (the gauge is fixed after them); so is the trace, but for the objectives of bcdsr().
 struct IterationResult {
   Rotations rotations;  ///< world_from_i
   Status status = Status::not_run;

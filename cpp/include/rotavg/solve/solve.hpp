@@ -22,6 +22,7 @@
 #include <rotavg/solve/accelerated.hpp>
 #include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/bcd.hpp>
+#include <rotavg/solve/bcdsr.hpp>
 #include <rotavg/solve/newton.hpp>
 #include <rotavg/solve/options.hpp>
 #include <rotavg/solve/result.hpp>
@@ -174,6 +175,8 @@ class FrontDoor {
                           : sum(graph_, R, limits(), options_.mu);
       case Method::newton:
         return newton(graph_, R, limits());
+      case Method::bcdsr:
+        return bcdsr(graph_, R, limits());
       case Method::automatic:
       case Method::staircase:
         break;
@@ -293,7 +296,8 @@ class FrontDoor {
 /// best bound.
 ///
 /// @param start an initial value to use instead of options.init (a warm start)
-/// @throws std::invalid_argument unless `start` holds a rotation for each node
+/// @throws std::invalid_argument unless `start` holds a rotation for each node, and if bcdsr's
+///         dense matrix does not fit in memory
 inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options = {},
                       std::optional<Rotations> start = std::nullopt) {
   return detail::FrontDoor(graph, options).solve(std::move(start));

@@ -1,0 +1,107 @@
+"""`rotavg reproduce`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any, Callable
+
+import click
+from rich.console import Console
+
+from rotavg.cli import options
+from rotavg.cli.output import print_json, print_text
+from rotavg.errors import FileAccessError
+from rotavg.io.atomic import check_writable
+from rotavg.reproduce import EXPERIMENTS, Settings, write
+
+_LARGEST = 5000  # nodes; complete graphs of more fill the memory
+
+
+class _Sizes(click.ParamType):  # type: ignore[type-arg, unused-ignore]
+    """Numbers of nodes, with commas between them."""
+
+    name = "n,n,..."
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, ...]:
+        if isinstance(value, tuple):
+            return value
+        try:
+            sizes = tuple(int(part) for part in value.split(","))
+        except ValueError:
+            sizes = ()
+        if not sizes or min(sizes) < 3 or max(sizes) > _LARGEST:
+            self.fail(f"found {value!r}, expected numbers from 3 to {_LARGEST}: 20,200", param)
+        return sizes
+
+
+@click.command(epilog="\b\n" + "\n".join(f"{name:<8}{e.title}" for name, e in EXPERIMENTS.items()))
+@click.argument(
+    "names", metavar="WHAT...", type=click.Choice([*EXPERIMENTS, "all"]), nargs=-1, required=True
+)
+@click.option(
+    "-o", "--output", "folder", metavar="FOLDER", type=options.PATH, default="reproduced",
+    show_default=True, help="Where the tables and pictures go; made if need be.",
+)  # fmt: skip
+@click.option(
+    "--runs", type=click.IntRange(1),
+    help="Graphs per row of a table.  [default: 100, above n = 200: 3]",
+)  # fmt: skip
+@click.option(
+    "--sizes", type=_Sizes(),
+    help="Numbers of nodes; a figure takes the first.  [default: 20,200 for table1]",
+)  # fmt: skip
+@click.option("--slow", is_flag=True, help="BCDSR above n = 200, too: hours. Tells how many first.")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the graphs.")
+@options.as_json
+def reproduce(names: tuple[str, ...], folder: Path, as_json: bool, **settings: Any) -> None:
+    """Reproduce tables and figures of the paper (Dong, Xie and Shi 2021).
+
+    WHAT is one or several of those below, or all. Each leaves a Markdown file, a JSON file and, if
+    it is a figure, a PNG and a PDF in FOLDER. Table 1 takes some minutes, a figure some seconds.
+
+    \b
+    Examples:
+      rotavg reproduce table1
+      rotavg reproduce all --runs 10 -o paper
+      rotavg reproduce table1 --sizes 2000 --runs 1 --slow
+    """
+    chosen = list(EXPERIMENTS) if "all" in names else list(dict.fromkeys(names))
+    _make(folder)
+    for name in chosen:
+        check_writable(folder / f"{name}.json")
+    found = {}
+    note = partial(click.echo, err=True)
+    with _line() as progress:
+        for name in chosen:
+            experiment = EXPERIMENTS[name]
+            progress(experiment.title)
+            outcome = experiment.run(Settings(note=note, progress=progress, **settings))
+            paths = write(folder, experiment, outcome)
+            found[name] = outcome.data
+            if not as_json:
+                print_text(f"{experiment.title}\n\n{outcome.markdown}")
+                click.echo("wrote " + ", ".join(map(str, paths)), err=True)
+    if as_json:
+        print_json(found)
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise FileAccessError(f"cannot be made a folder: {reason}", path=folder) from error
+
+
+@contextmanager
+def _line() -> Iterator[Callable[[str], None]]:
+    """A function that keeps one line of progress on stderr, where that is a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda text: None
+        return
+    with Console(stderr=True).status("") as status:
+        yield lambda text: status.update(text)

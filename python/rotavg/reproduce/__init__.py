@@ -1,0 +1,40 @@
+"""The paper's experiments (Dong, Xie and Shi 2021), each in a module of its own.
+
+A further one is one more module with an `Experiment` in it, listed here.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rotavg.io import atomic
+from rotavg.json_text import json_text
+from rotavg.reproduce import fig2, fig3, fig5, table1
+from rotavg.reproduce.experiment import Experiment, Outcome, Settings
+
+__all__ = ["EXPERIMENTS", "Experiment", "Outcome", "Settings", "write"]
+
+EXPERIMENTS: dict[str, Experiment] = {
+    e.name: e for e in (table1.EXPERIMENT, fig2.EXPERIMENT, fig3.EXPERIMENT, fig5.EXPERIMENT)
+}
+
+
+def write(folder: Path, experiment: Experiment, outcome: Outcome) -> list[Path]:
+    """Write an outcome into a folder: NAME.md, NAME.json, and NAME.png and NAME.pdf of a figure.
+
+    Returns what was written. Raises FileAccessError if that cannot be.
+    """
+    head = f"# {experiment.title}\n\n"
+    if outcome.pictures:
+        head += f"![{experiment.title}]({experiment.name}.png)\n\n"
+    files = {
+        "md": (head + outcome.markdown).encode(),
+        "json": (json_text(outcome.data) + "\n").encode(),
+        **outcome.pictures,
+    }
+    paths = []
+    for suffix, data in files.items():
+        path = folder / f"{experiment.name}.{suffix}"
+        atomic.write_bytes(path, data)
+        paths.append(path)
+    return paths
