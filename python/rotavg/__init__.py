@@ -16,6 +16,7 @@ from rotavg.errors import (
     FileAccessError,
     FormatError,
     GraphError,
+    IncompleteWarning,
     MissingExtraError,
     OptionError,
     SolverError,
@@ -23,9 +24,11 @@ from rotavg.errors import (
 from rotavg.graph import MeasurementGraph
 from rotavg.hardness import Hardness, hardness
 from rotavg.io import read, write
+from rotavg.positions import positions
 from rotavg.simulate import Simulation, simulate
 from rotavg.solution import Certificate, Solution, Status, Timings, Trace, Verdict
 from rotavg.solve import certify, gradient, objective, solve
+from rotavg.translations import RelativeTranslations
 
 __all__ = [
     "Certificate",
@@ -34,10 +37,12 @@ __all__ = [
     "FormatError",
     "GraphError",
     "Hardness",
+    "IncompleteWarning",
     "MeasurementGraph",
     "MissingExtraError",
     "OptionError",
     "Progress",
+    "RelativeTranslations",
     "Simulation",
     "Solution",
     "SolverError",
@@ -50,6 +55,7 @@ __all__ = [
     "gradient",
     "hardness",
     "objective",
+    "positions",
     "read",
     "simulate",
     "solve",

@@ -1,0 +1,1 @@
+"""Measurement graphs and solutions as objects of other libraries, and back."""
