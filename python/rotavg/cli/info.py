@@ -15,16 +15,18 @@ from rotavg.cli.output import print_json, print_notes, print_table
 
 @click.command()
 @click.argument("input_path", metavar="INPUT", type=options.PATH)
+@options.input_format
+@options.convention
 @options.unit_weights
 @options.as_json
-def info(input_path: Path, unit_weights: bool, as_json: bool) -> None:
+def info(input_path: Path, as_json: bool, **reading: Any) -> None:
     """Tell what graph is in INPUT, and how hard it is to average.
 
     \b
     Example:
       rotavg info graph.g2o
     """
-    graph = rotavg.read(input_path, unit_weights=unit_weights)
+    graph = rotavg.read(input_path, **reading)
     measures = _measures(graph, rotavg.hardness(graph))
     if as_json:
         print_json({**measures, "notes": list(graph.notes)})

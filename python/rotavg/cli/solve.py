@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -20,7 +20,12 @@ from rotavg.io import check_writable
     "2 bad input or usage."
 )
 @click.argument("input_path", metavar="INPUT", type=options.PATH)
-@click.option("-o", "--output", type=options.PATH, help="Write a .g2o, .txt, .csv or .npz file.")
+@click.option(
+    "-o",
+    "--output",
+    type=options.PATH,
+    help="Write the poses; the name tells the format: .g2o, .csv, .tum, images.txt, ...",
+)
 @choice("--method", ["auto", "bcd", "sum", "newton"], "auto", "Solver.")
 @choice(
     "--init",
@@ -43,6 +48,9 @@ from rotavg.io import check_writable
     "--accelerate", is_flag=True, help="Extrapolate, with --method bcd and sum: fewer iterations."
 )
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
+@options.input_format
+@options.output_format
+@options.convention
 @options.unit_weights
 @options.as_json
 def solve(
@@ -50,6 +58,9 @@ def solve(
     output: Path | None,
     threads: int | None,
     no_certify: bool,
+    format: str | None,
+    output_format: str | None,
+    convention: Literal["pose", "vision"] | None,
     unit_weights: bool,
     as_json: bool,
     **settings: Any,
@@ -62,9 +73,9 @@ def solve(
       rotavg solve graph.txt --method sum --threads 4 --json
     """
     if output is not None:
-        check_writable(output)  # before the work, not after it
+        check_writable(output, output_format)  # before the work, not after it
     start = time.perf_counter()
-    graph = rotavg.read(input_path, unit_weights=unit_weights)
+    graph = rotavg.read(input_path, format=format, convention=convention, unit_weights=unit_weights)
     read_seconds = time.perf_counter() - start
     if not as_json:
         print_notes(graph)
@@ -73,7 +84,7 @@ def solve(
             graph, num_threads=threads, certify=not no_certify, callback=callback, **settings
         )
     if output is not None:
-        rotavg.write(output, solution)
+        rotavg.write(output, solution, format=output_format)
     if as_json:
         print_json(_summary(solution, read_seconds, time.perf_counter() - start))
     else:
