@@ -18,7 +18,7 @@ from rotavg.io import check_writable
 @click.argument("input_path", metavar="IN", type=options.PATH)
 @click.argument("output_path", metavar="OUT", type=options.PATH)
 @options.input_format
-@options.output_format
+@options.output_graph
 @options.convention
 @options.unit_weights
 @options.as_json

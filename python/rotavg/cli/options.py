@@ -22,10 +22,20 @@ input_format = click.option(
     type=click.Choice([form.name for form in FORMATS if form.read]),
     help="Format of the input, if neither its content nor its name tells it.",
 )
-output_format = click.option(
-    "--output-format",
-    type=click.Choice([form.name for form in FORMATS if form.write]),
-    help="Format of the output, if its name does not tell it.",
+
+
+def output_format(formats: list[str]) -> Callable[[Any], Any]:
+    """The option that says what to write."""
+    return click.option(
+        "--output-format",
+        type=click.Choice(formats),
+        help="Format of the output, if its name does not tell it.",
+    )
+
+
+output_graph = output_format([form.name for form in FORMATS if form.write and form.has_graphs])
+output_solution = output_format(
+    [form.name for form in FORMATS if form.write and form.has_solutions]
 )
 convention = click.option(
     "--convention",

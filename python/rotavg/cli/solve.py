@@ -49,7 +49,7 @@ from rotavg.io import check_writable
 )
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
 @options.input_format
-@options.output_format
+@options.output_solution
 @options.convention
 @options.unit_weights
 @options.as_json
@@ -73,7 +73,7 @@ def solve(
       rotavg solve graph.txt --method sum --threads 4 --json
     """
     if output is not None:
-        check_writable(output, output_format)  # before the work, not after it
+        check_writable(output, output_format, solution=True)  # before the work, not after it
     start = time.perf_counter()
     graph = rotavg.read(input_path, format=format, convention=convention, unit_weights=unit_weights)
     read_seconds = time.perf_counter() - start

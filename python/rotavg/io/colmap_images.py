@@ -17,15 +17,17 @@ import numpy as np
 
 from rotavg.conventions import convert_family, quaternions_from_matrices, wxyz_from_xyzw
 from rotavg.errors import FormatError
+from rotavg.graph import MeasurementGraph
 from rotavg.io.colmap_database import ColmapImages
 from rotavg.io.lines import exactly
-from rotavg.io.registry import Format, Writable, solution_of
+from rotavg.io.registry import Format, Writable
 from rotavg.positions import positions
 
 
 def write_images(path: Path, item: Writable) -> bytes:
     """The content of images.txt."""
-    solution = solution_of(path, item, "images.txt")
+    assert not isinstance(item, MeasurementGraph)
+    solution = item
     graph = solution.graph
     R = convert_family(np.asarray(solution.rotations), COLMAP_IMAGES.convention)
     t = np.zeros((graph.num_nodes, 3))
@@ -50,6 +52,7 @@ COLMAP_IMAGES = Format(
     suffixes=("images.txt",),
     recognises=lambda head: re.search(rb"^#\s*IMAGE_ID, QW", head, re.MULTILINE) is not None,
     read=None,
+    has_graphs=False,
     write=write_images,
     convention="vision",
 )

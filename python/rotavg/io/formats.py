@@ -109,19 +109,23 @@ def write(
         found = type(graph_or_solution).__name__
         raise FormatError(f"found a {found} to write, expected a MeasurementGraph or a Solution")
     path, chosen = _output(path, format)
-    if chosen.write is None:
-        raise FormatError(f"{chosen.name} is a format for input only", path=path)
+    chosen.check_writes(path, solution=not isinstance(graph_or_solution, MeasurementGraph))
+    assert chosen.write is not None
     content = chosen.write(path, graph_or_solution)
     atomic.write_files({path: content} if isinstance(content, bytes) else content)
     if not chosen.has_weights and isinstance(graph_or_solution, MeasurementGraph):
         _tell_lost_weights(path, chosen, graph_or_solution)
 
 
-def check_writable(path: str | os.PathLike[str], format: str | None = None) -> None:
-    """Raise what `write` would raise for this path, as far as it can be told before the work."""
+def check_writable(
+    path: str | os.PathLike[str], format: str | None = None, *, solution: bool = False
+) -> None:
+    """Raise what `write` would raise for this path, as far as it can be told before the work.
+
+    `solution` says that it is a solution that will be written, not a graph.
+    """
     path, chosen = _output(path, format)
-    if chosen.write is None:
-        raise FormatError(f"{chosen.name} is a format for input only", path=path)
+    chosen.check_writes(path, solution)
     new_folder = chosen.main_file and not path.parent.exists()
     atomic.check_writable(path.parent if new_folder else path)
 

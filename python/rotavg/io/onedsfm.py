@@ -19,7 +19,7 @@ from rotavg.errors import FileAccessError, FormatError
 from rotavg.graph import MeasurementGraph
 from rotavg.ids import IdArray
 from rotavg.io.lines import check_finite, content_lines, exactly, number_table, plain_name, shown
-from rotavg.io.registry import Format, ReadOptions, Writable, blame_line, graph_of
+from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
 
 _EXPECTED = "expected i j, 9 numbers of R, 3 of t"
 
@@ -56,7 +56,8 @@ def read_onedsfm(path: Path, data: bytes, options: ReadOptions) -> MeasurementGr
 
 def write_onedsfm(path: Path, item: Writable) -> dict[Path, bytes]:
     """The three files of a graph; list.txt only where nodes have names."""
-    graph = graph_of(path, item, "1DSfM")
+    assert isinstance(item, MeasurementGraph)
+    graph = item
     named = graph.nodes.dtype.kind == "U"
     ids = graph.indices if named else graph.edges
     lines = [
@@ -134,6 +135,7 @@ ONEDSFM = Format(
     recognises=_looks_like_edges,
     read=read_onedsfm,
     write=write_onedsfm,
+    has_solutions=False,
     has_weights=False,
     main_file="EGs.txt",
 )

@@ -64,6 +64,7 @@ class Format:
         write: (path, graph or solution) -> content; raises FormatError. None: it is not written.
         convention: the family of its rotations.
         any_convention: whether users may say that a file is in the other family.
+        has_graphs, has_solutions: what can be written.
         has_weights: whether a graph's weights can be written.
         magic: a beginning that tells that the reader opens the file itself.
         main_file: of a format that is a folder, the file in it that is read.
@@ -76,9 +77,22 @@ class Format:
     write: Callable[[Path, Writable], Content] | None
     convention: Convention = "pose"
     any_convention: bool = False
+    has_graphs: bool = True
+    has_solutions: bool = True
     has_weights: bool = True
     magic: bytes = b""
     main_file: str = ""
+
+    def check_writes(self, path: Path, solution: bool) -> None:
+        """FormatError if the format has no place for a solution (or, if not so, for a graph)."""
+        if self.write is None:
+            raise FormatError(f"{self.name} is a format for input only", path=path)
+        if not (self.has_solutions if solution else self.has_graphs):
+            found, expected = ("solution", "graph") if solution else ("graph", "solution")
+            raise FormatError(
+                f"found a {found} to write, expected a {expected}: {self.name} holds no other",
+                path=path,
+            )
 
     def file_of(self, path: Path) -> Path:
         """The file to read or write where the user names `path`: of a folder, its main file."""
@@ -149,24 +163,6 @@ def blame_line(path: Path, lines: Sequence[int] | None = None) -> Iterator[None]
     except GraphError as error:
         line = None if lines is None or error.edge is None else int(lines[error.edge])
         raise FormatError(str(error), path=path, line=line) from error
-
-
-def graph_of(path: Path, item: Writable, form: str) -> MeasurementGraph:
-    """The graph to be written; FormatError if it is a solution and the format knows none."""
-    if isinstance(item, MeasurementGraph):
-        return item
-    raise FormatError(
-        f"found a solution to write, expected a graph: {form} holds no other", path=path
-    )
-
-
-def solution_of(path: Path, item: Writable, form: str) -> SolutionLike:
-    """The solution to be written; FormatError if it is a graph and the format knows none."""
-    if not isinstance(item, MeasurementGraph):
-        return item
-    raise FormatError(
-        f"found a graph to write, expected a solution: {form} holds no other", path=path
-    )
 
 
 def _magic_of(formats: Sequence[Format], path: Path) -> bytes:

@@ -13,14 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from rotavg.errors import FormatError
+from rotavg.graph import MeasurementGraph
 from rotavg.io.lines import exactly, is_number
-from rotavg.io.registry import Format, Writable, solution_of
+from rotavg.io.registry import Format, Writable
 from rotavg.positions import positions
 
 
 def write_tum(path: Path, item: Writable) -> bytes:
     """The content of a trajectory, in the order of its time stamps."""
-    solution = solution_of(path, item, "a TUM trajectory")
+    assert not isinstance(item, MeasurementGraph)
+    solution = item
     graph = solution.graph
     stamps = [str(node) for node in graph.nodes.tolist()]
     for stamp in stamps:
@@ -42,5 +44,6 @@ TUM = Format(
     suffixes=(".tum",),
     recognises=lambda head: head.startswith(b"# timestamp "),
     read=None,
+    has_graphs=False,
     write=write_tum,
 )
