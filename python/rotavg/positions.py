@@ -57,7 +57,8 @@ def positions(
         weights = world_from_j @ omega @ np.swapaxes(world_from_j, 1, 2)
         steps = steps[:, :, None]
     weights = weights / np.abs(weights).max()
-    result[~known] = _least_squares(n, i, j, weights, steps, result, known)
+    with np.errstate(over="ignore", invalid="ignore"):
+        result[~known] = _least_squares(n, i, j, weights, steps, result, known)
     if not np.isfinite(result).all():
         raise SolverError("the positions cannot be solved for: the translations' numbers overflow")
     return result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 import time
 from pathlib import Path
@@ -154,6 +155,33 @@ def test_without_scipy_the_translations_stay_and_the_user_is_told(
     new = (tmp_path / "out.g2o").read_bytes().split(b"\r\n")
     start = b"  VERTEX_SE3:QUAT   18446744073709551615 1.5  2.5 -3e-2 "
     assert new[3 if new[3].startswith(b"  V") else 4].startswith(start)
+
+
+def test_positions_that_overflow_are_told_and_the_rotations_written(tmp_path: Path) -> None:
+    lines = [edge(k, k + 1, "0 0 0 1").replace(" 1 2 3 ", " 1e308 2 3 ") for k in range(2)]
+    (tmp_path / "far.g2o").write_text("\n".join(lines) + "\n")
+    solution = rotavg.solve(read(tmp_path / "far.g2o"))
+    with pytest.warns(IncompleteWarning, match="the translations' numbers overflow"):
+        write(tmp_path / "out.g2o", solution)
+    lines = (tmp_path / "out.g2o").read_text().splitlines()
+    np.testing.assert_allclose(pose(lines[2].split()[5:]), solution.quaternions[2], atol=1e-14)
+
+
+def test_fixed_landmarks_stay_fixed(tmp_path: Path) -> None:
+    lines = ["VERTEX_XYZ 99 1 2 3", "FIX 0 3 99", "FIX 3", edge(0, 1), edge(1, 2), edge(3, 4)]
+    (tmp_path / "a.g2o").write_text("\n".join(lines) + "\n")
+    graph = read(tmp_path / "a.g2o")
+    write(tmp_path / "b.g2o", graph)
+    assert (tmp_path / "b.g2o").read_text().splitlines() == lines
+    write(tmp_path / "c.g2o", graph.largest_component())
+    assert (tmp_path / "c.g2o").read_text().splitlines() == [lines[0], "FIX 0 99", *lines[3:5]]
+
+
+def test_solutions_of_unpickled_graphs_go_back(messy: Path, tmp_path: Path) -> None:
+    graph = read(messy)
+    write(tmp_path / "a.g2o", random_answer(graph, seed=5))
+    write(tmp_path / "b.g2o", random_answer(pickle.loads(pickle.dumps(graph)), seed=5))
+    assert (tmp_path / "a.g2o").read_bytes() == (tmp_path / "b.g2o").read_bytes()
 
 
 def test_several_fixed_vertices_stay_where_they_are(tmp_path: Path) -> None:

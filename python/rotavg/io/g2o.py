@@ -51,10 +51,8 @@ def read_g2o(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     if not edges:
         raise FormatError(f"the file has no edges: {_no_line(vertices, unknown)}", path=path)
     dialect = max(edges, key=lambda d: len(edges[d].lines))
-    for other in edges.keys() - {dialect}:
-        unknown[other.edge] += len(edges[other].lines)
-    for other in vertices.keys() - {dialect}:
-        unknown[other.vertex] += len(vertices[other].lines)
+    unknown += Counter({d.edge: len(e.lines) for d, e in edges.items() if d is not dialect})
+    unknown += Counter({d.vertex: len(v.lines) for d, v in vertices.items() if d is not dialect})
     return _graph(path, data, options, dialect, edges[dialect], vertices[dialect], fixed, unknown)
 
 
@@ -86,19 +84,20 @@ def _graph(
         bad = first_bad_quaternion(turns) if dialect is G2O_3D else None
         if bad is not None:
             raise edge_error(ids, *bad)
-        vertex_ids = as_ids(np.array(vertices.ids or edges.ids, dtype=object), "vertices")
         translations, further = _translations(dialect, poses, information)
+        nodes = unique_ids(as_ids([*edges.ids, *vertices.ids], "nodes"))
         return MeasurementGraph(
             ids,
             dialect.rotations(turns),
             weights,
-            unique_ids(as_ids([*unique_ids(ids).tolist(), *vertex_ids.tolist()], "nodes")),
+            nodes,
             translations=translations,
             source=g2o_write.PoseFile(
                 data.removeprefix(BYTE_ORDER_MARK),
                 dialect,
                 np.array(lines),
                 weights,
+                frozenset(nodes.tolist()),
                 dict(zip(vertices.ids, given)),
                 frozenset(fixed),
             ),

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.errors import FormatError, IncompleteWarning, MissingExtraError
+from rotavg.errors import FormatError, IncompleteWarning, MissingExtraError, SolverError
 from rotavg.graph import MeasurementGraph
 from rotavg.io.dialects import G2O_2D, G2O_3D, TORO_2D, TORO_3D, Dialect
 from rotavg.io.gauge import in_gauge_of
@@ -33,6 +33,7 @@ class PoseFile:
     dialect: Dialect
     edge_lines: NDArray[np.int64]  # (m,) from 1
     weights: Floats  # (m,) as read
+    nodes: frozenset[int] = field(repr=False)  # as read; FIX may name other things as well
     vertices: dict[int, Floats] = field(repr=False)  # the numbers (num_pose,) of each
     fixed: frozenset[int]
 
@@ -129,7 +130,7 @@ def _put_back(path: Path, source: PoseFile, item: Writable, graph: MeasurementGr
             if graph.weights[k] != source.weights[k]:
                 text = _reweighted(dialect, text, float(graph.weights[k]))
         elif fields[:1] == [FIX]:
-            text = _fix_line(text, nodes)
+            text = _fix_line(text, source.nodes - nodes)
         out.append(text)
     out[before_edges:before_edges] = [
         _vertex(dialect, *vertex).encode() + (ending or b"\n") for vertex in missing.items()
@@ -147,7 +148,7 @@ def _new_vertices(
     given = {k: source.vertices[node] for k, node in enumerate(ids) if node in source.vertices}
     poses = np.array(list(given.values())).reshape(-1, dialect.num_pose)
     usable = np.isfinite(poses).all(axis=1)
-    if dialect is G2O_3D:
+    if dialect == G2O_3D:
         usable &= (poses[:, 3:] != 0).any(axis=1)
     rows, poses = np.array(list(given), dtype=np.int64)[usable], poses[usable]
     turned = dialect.rotations(poses[:, dialect.dimension :])
@@ -168,7 +169,7 @@ def _positions(
         return None
     try:
         return positions(graph, rotations, fixed=known)
-    except MissingExtraError as error:
+    except (MissingExtraError, SolverError) as error:
         warnings.warn(
             f"{path}: only the rotations are new; the translations do not fit them ({error})",
             IncompleteWarning,
@@ -218,10 +219,10 @@ def _short(number: float) -> str:
     return "0" if number == 0 else repr(number)
 
 
-def _fix_line(text: bytes, nodes: set[int]) -> bytes:
+def _fix_line(text: bytes, gone: frozenset[int]) -> bytes:
     content, _, _ = text.partition(b"#")
     ids = content.split()[1:]
-    stay = [node for node in ids if int(node) in nodes]
+    stay = [node for node in ids if int(node) not in gone]
     if len(stay) == len(ids):
         return text
     ending = text[len(text.rstrip(b"\r\n")) :]
