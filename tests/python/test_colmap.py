@@ -81,6 +81,11 @@ def test_database_by_hand(tmp_path: Path) -> None:
     assert path.read_bytes() == before
     path.chmod(0o444)
     assert read(path).num_edges == 3
+    path.chmod(0o644)
+    with sqlite3.connect(path) as connection:
+        connection.execute("PRAGMA journal_mode = WAL")  # as COLMAP has it
+    connection.close()
+    assert read(path).num_edges == 3
     assert [file.name for file in tmp_path.iterdir()] == ["a.db"]
 
 

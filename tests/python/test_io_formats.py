@@ -95,7 +95,9 @@ def test_formats_without_names_say_so(tmp_path: Path, name: str) -> None:
 def test_names_tell_the_format(tmp_path: Path) -> None:
     known = {
         "a.g2o": "g2o", "a.graph": "toro", "a.toro": "toro", "EGs.txt": "1dsfm", "a.tum": "tum",
-        "a_relpose.txt": "glomap", "rotations.txt": "glomap", "images.txt": "colmap_images",
+        "a_relpose.txt": "glomap", "a_glomap_rotations.txt": "glomap",
+        "images.txt": "colmap_images",
+        "my_images.txt": "text", "rotations.txt": "text",
         "a.irotavg": "irotavg", "a.rcd": "irotavg", "a.db": "colmap", "a.txt": "text",
         "a.csv": "csv", "a.NPZ": "npz",
     }  # fmt: skip
@@ -345,7 +347,7 @@ def test_glomap_weights(tmp_path: Path) -> None:
 
 def test_glomap_rotations(tmp_path: Path) -> None:
     answer = random_answer(random_graph(True), seed=2)
-    write(tmp_path / "rotations.txt", answer)
+    write(tmp_path / "rotations.txt", answer, format="glomap")
     rows = [line.split() for line in (tmp_path / "rotations.txt").read_text().splitlines()]
     assert [row[0] for row in rows] == answer.graph.nodes.tolist()
     wxyz = np.array([[float(x) for x in row[1:]] for row in rows])

@@ -157,6 +157,25 @@ def test_robust_noise_counts_as_the_gaussian_inside_it() -> None:
     assert from_gtsam(factors).weights == pytest.approx([50])
 
 
+def test_the_table_of_pose_graphs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("gtsam", reason=WITHOUT)
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    from benchmarks import pose_graphs
+
+    path = shared_data("g2o/smallGrid3D.g2o")
+    monkeypatch.setattr(sys, "argv", ["pose_graphs", str(path), "--out", str(tmp_path)])
+    pose_graphs.main()
+    cells = capsys.readouterr().out.splitlines()[-1].split(" | ")
+    chi2 = [float(cell.split(",")[0].strip("| ")) for cell in cells[2:]]
+    given, ours, chordal, *ends = chi2
+    assert ours < chordal < given
+    assert ends == pytest.approx([ends[0]] * 4, rel=1e-5)
+    assert ends[0] < ours
+    assert (tmp_path / "pose_graphs.png").stat().st_size > 1000
+
+
 def test_networkx_there_and_back() -> None:
     pytest.importorskip("networkx", reason="networkx is not installed")
     graph = turns()

@@ -8,13 +8,12 @@ Python's sqlite3.
 
 from __future__ import annotations
 
-import sqlite3
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import numpy as np
@@ -23,6 +22,9 @@ from numpy.typing import NDArray
 from rotavg.errors import FileAccessError, FormatError
 from rotavg.graph import MeasurementGraph
 from rotavg.io.registry import Format, ReadOptions, blame_line
+
+if TYPE_CHECKING:
+    import sqlite3
 
 MAX_IMAGES = 2147483647
 CONFIGURATIONS = (
@@ -64,7 +66,11 @@ def pair_id_of(i: int, j: int) -> int:
 @contextmanager
 def opened(path: Path) -> Iterator[sqlite3.Connection]:
     """A read-only connection; FormatError or FileAccessError where the file is no database."""
+    import sqlite3  # not every Python has it
+
     uri = f"file:{quote(str(path.resolve()))}?mode=ro"
+    if not path.with_name(path.name + "-wal").exists():
+        uri += "&immutable=1"  # nobody writes: SQLite leaves no files of its own beside it
     try:
         with closing(sqlite3.connect(uri, uri=True)) as connection:
             yield connection

@@ -2,7 +2,7 @@
 
     *relpose.txt    NAME1 NAME2 qw qx qy qz tx ty tz     x2 = R x1 + t
     *weight.txt     NAME1 NAME2 weight                   beside it, if there are weights
-    *rotations.txt  NAME qw qx qy qz                     what a solution is written as
+    NAME qw qx qy qz                                     what a solution is written as
 
 The weights of X_relpose.txt are looked for in X_weight.txt; a pair that is not there weighs 1. The
 directions t have no scale and are not read; written are zeros.
@@ -130,7 +130,7 @@ def _looks_like_poses(head: bytes) -> bool:
 
 GLOMAP = Format(
     name="glomap",
-    suffixes=("relpose.txt", "rotations.txt"),
+    suffixes=("*relpose.txt", "*glomap_rotations.txt"),
     recognises=_looks_like_poses,
     read=read_glomap,
     write=write_glomap,

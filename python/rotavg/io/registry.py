@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Protocol, Union, runtime_checkable
 
@@ -58,7 +59,8 @@ class Format:
 
     Attributes:
         name: what users call it.
-        suffixes: how its files' names end, lower case; the first is the usual one.
+        suffixes: how its files are named, lower case: an ending with a dot, or a pattern of the
+            whole name; the first is the usual one.
         recognises: whether the beginning of a file (up to 64 KiB) is in this format.
         read: (path, whole content, options) -> graph; raises FormatError. None: it is not read.
         write: (path, graph or solution) -> content; raises FormatError. None: it is not written.
@@ -83,6 +85,11 @@ class Format:
     magic: bytes = b""
     main_file: str = ""
 
+    def is_name(self, path: Path) -> bool:
+        """Whether files of this format are named so."""
+        patterns = (f"*{s}" if s.startswith(".") else s for s in self.suffixes)
+        return any(fnmatchcase(path.name.lower(), pattern) for pattern in patterns)
+
     def check_writes(self, path: Path, solution: bool) -> None:
         """FormatError if the format has no place for a solution (or, if not so, for a graph)."""
         if self.write is None:
@@ -96,7 +103,7 @@ class Format:
 
     def file_of(self, path: Path) -> Path:
         """The file to read or write where the user names `path`: of a folder, its main file."""
-        inside = self.main_file and path.name.lower() not in self.suffixes
+        inside = self.main_file and not self.is_name(path)
         return path / self.main_file if inside else path
 
 
@@ -114,7 +121,7 @@ def named(formats: Sequence[Format], name: str) -> Format:
 def by_suffix(formats: Sequence[Format], path: Path) -> Format:
     """The format that the file's name tells; FormatError lists the known ones."""
     for form in formats:
-        if path.name.lower().endswith(form.suffixes):
+        if form.is_name(path):
             return form
     raise FormatError(f"the name does not tell the format, {_expected(formats)}", path=path)
 
