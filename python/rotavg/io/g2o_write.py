@@ -16,7 +16,7 @@ from rotavg.graph import MeasurementGraph
 from rotavg.io.dialects import G2O_2D, G2O_3D, TORO_2D, TORO_3D, Dialect
 from rotavg.io.gauge import in_gauge_of
 from rotavg.io.lines import exactly
-from rotavg.io.registry import Writable
+from rotavg.io.registry import SolutionLike, Writable
 from rotavg.positions import positions
 
 Floats = NDArray[np.float64]
@@ -139,10 +139,9 @@ def _put_back(path: Path, source: PoseFile, item: Writable, graph: MeasurementGr
 
 
 def _new_vertices(
-    path: Path, source: PoseFile, solution: Writable
+    path: Path, source: PoseFile, solution: SolutionLike
 ) -> tuple[dict[int, Floats], int]:
     """Poses of all nodes in the file's gauge, and how many of their numbers are not new."""
-    assert not isinstance(solution, MeasurementGraph)
     graph, dialect = solution.graph, source.dialect
     ids = graph.nodes.tolist()
     given = {k: source.vertices[node] for k, node in enumerate(ids) if node in source.vertices}
