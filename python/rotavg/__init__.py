@@ -16,6 +16,7 @@ from rotavg.errors import (
     FileAccessError,
     FormatError,
     GraphError,
+    IncompleteWarning,
     MissingExtraError,
     OptionError,
     SolverError,
@@ -23,6 +24,7 @@ from rotavg.errors import (
 from rotavg.graph import MeasurementGraph
 from rotavg.hardness import Hardness, hardness
 from rotavg.io import read, write
+from rotavg.positions import positions
 from rotavg.simulate import Simulation, simulate
 from rotavg.solution import (
     Certificate,
@@ -34,6 +36,7 @@ from rotavg.solution import (
     Verdict,
 )
 from rotavg.solve import certify, gradient, objective, solve
+from rotavg.translations import RelativeTranslations
 
 __all__ = [
     "Certificate",
@@ -43,10 +46,12 @@ __all__ = [
     "FormatError",
     "GraphError",
     "Hardness",
+    "IncompleteWarning",
     "MeasurementGraph",
     "MissingExtraError",
     "OptionError",
     "Progress",
+    "RelativeTranslations",
     "Simulation",
     "Solution",
     "SolverError",
@@ -59,6 +64,7 @@ __all__ = [
     "gradient",
     "hardness",
     "objective",
+    "positions",
     "read",
     "simulate",
     "solve",

@@ -114,3 +114,46 @@ def matrices_from_rotvecs(rotvecs: ArrayLike) -> NDArray[np.float64]:
     half_sinc = 0.5 * np.sinc(angle / (2 * np.pi))  # sin(angle / 2) / angle
     xyzw = np.concatenate([half_sinc[..., None] * v, np.cos(angle / 2)[..., None]], axis=-1)
     return matrices_from_quaternions(xyzw)
+
+
+def matrices_from_angles_about_z(angles: ArrayLike) -> NDArray[np.float64]:
+    """Rotation matrices (m, 3, 3) by angles (m, 1) in radians about z: poses in the plane."""
+    angle = np.asarray(angles, dtype=np.float64)
+    return _turns(2, angle[:, 0])
+
+
+def angles_about_z(rotations: ArrayLike) -> NDArray[np.float64]:
+    """Angles (m, 1), radians in [-pi, pi], of the rotations about z nearest to (m, 3, 3)."""
+    r = np.asarray(rotations, dtype=np.float64)
+    angle = np.arctan2(r[:, 1, 0] - r[:, 0, 1], r[:, 0, 0] + r[:, 1, 1])
+    return np.asarray(angle[:, None])
+
+
+def matrices_from_roll_pitch_yaw(angles: ArrayLike) -> NDArray[np.float64]:
+    """Rotation matrices R_z(yaw) R_y(pitch) R_x(roll) of roll, pitch, yaw (m, 3) in radians."""
+    roll, pitch, yaw = np.asarray(angles, dtype=np.float64).T
+    return np.asarray(_turns(2, yaw) @ _turns(1, pitch) @ _turns(0, roll))
+
+
+def roll_pitch_yaw_from_matrices(rotations: ArrayLike) -> NDArray[np.float64]:
+    """Roll, pitch, yaw (m, 3) in radians of rotations (m, 3, 3), exact at pitch = pi / 2, too.
+
+    There yaw is what rounding leaves, and roll is measured once yaw is undone, so that both fit.
+    """
+    r = np.asarray(rotations, dtype=np.float64)
+    pitch = np.arctan2(-r[:, 2, 0], np.hypot(r[:, 0, 0], r[:, 1, 0]))
+    yaw = np.arctan2(r[:, 1, 0], r[:, 0, 0])
+    s, c = np.sin(yaw), np.cos(yaw)
+    roll = np.arctan2(s * r[:, 0, 2] - c * r[:, 1, 2], c * r[:, 1, 1] - s * r[:, 0, 1])
+    return np.stack([roll, pitch, yaw], axis=1)
+
+
+def _turns(axis: int, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation matrices (m, 3, 3) about x (0), y (1) or z (2)."""
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    matrices = np.zeros((len(angles), 3, 3))
+    matrices[:, axis, axis] = 1
+    matrices[:, j, j] = matrices[:, k, k] = np.cos(angles)
+    matrices[:, k, j] = np.sin(angles)
+    matrices[:, j, k] = -matrices[:, k, j]
+    return matrices

@@ -58,6 +58,10 @@ class MissingExtraError(Error, ImportError):
     """An optional dependency is not installed; the message names the extra that brings it."""
 
 
+class IncompleteWarning(UserWarning):
+    """A file was written, but not all that was known is in it, or not all in it is known."""
+
+
 def require(module: str, extra: str) -> Any:
     """Import an optional dependency when it is needed, not before.
 

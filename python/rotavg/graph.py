@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from rotavg import _core, conventions
 from rotavg.arrays import as_floats, read_only
 from rotavg.conventions import Convention, QuaternionOrder
-from rotavg.errors import GraphError
+from rotavg.errors import GraphError, require
 from rotavg.ids import IdArray, as_edges, as_nodes, rows_of, unique_ids
+from rotavg.translations import RelativeTranslations
 
 
 class Source(Protocol):
@@ -38,6 +39,7 @@ class MeasurementGraph:
             default the ids that occur, ascending.
         convention: family of `rotations`: "pose" as above, or "vision" with R_ij = R_j R_i^T for
             R_i = camera_from_world (COLMAP, GLOMAP, OpenCV), transposed on the way in.
+        translations: of the edges, where they were measured; in the pose family.
         source: what a reader kept of the file, for a writer of the same format.
         notes: what a reader wants its user to know.
 
@@ -47,7 +49,7 @@ class MeasurementGraph:
         indices: (m, 2) int32, the edges as rows of `nodes`.
         rotations: (m, 3, 3) i_from_j, pose family.
         weights: (m,).
-        source, notes: as given.
+        translations, source, notes: as given.
 
     Raises:
         GraphError: anything breaks these rules; its `edge` is the row of the edge to blame.
@@ -58,6 +60,7 @@ class MeasurementGraph:
     indices: NDArray[np.int32]
     rotations: NDArray[np.float64]
     weights: NDArray[np.float64]
+    translations: RelativeTranslations | None
     source: Source | None
     notes: tuple[str, ...]
 
@@ -69,6 +72,7 @@ class MeasurementGraph:
         nodes: ArrayLike | None = None,
         *,
         convention: Convention = "pose",
+        translations: RelativeTranslations | None = None,
         source: Source | None = None,
         notes: tuple[str, ...] = (),
     ) -> None:
@@ -84,11 +88,14 @@ class MeasurementGraph:
             )
         except _core.InvalidEdge as error:
             edge, reason = error.args
-            raise _edge_error(self.edges, edge, reason) from None
+            raise edge_error(self.edges, edge, reason) from None
         except ValueError as error:
             raise GraphError(str(error)) from None
         self.rotations = read_only(self._core.rotations)
         self.weights = read_only(weights)
+        if translations is not None and len(translations) != m:
+            raise GraphError(f"there are {len(translations)} translations, expected {m}")
+        self.translations = translations
         self.source = source
         self.notes = notes
         self._immutable = True
@@ -124,7 +131,7 @@ class MeasurementGraph:
         xyzw = given if order == "xyzw" else conventions.xyzw_from_wxyz(given)
         bad = conventions.first_bad_quaternion(xyzw)
         if bad is not None:
-            raise _edge_error(ids, *bad)
+            raise edge_error(ids, *bad)
         return cls(ids, conventions.matrices_from_quaternions(xyzw), weights, nodes, **options)
 
     @classmethod
@@ -143,7 +150,7 @@ class MeasurementGraph:
         if not finite.all():
             k = int(np.argmin(finite))
             reason = f"the rotation vector is {given[k].tolist()}, expected finite numbers"
-            raise _edge_error(ids, k, reason)
+            raise edge_error(ids, k, reason)
         return cls(ids, conventions.matrices_from_rotvecs(given), weights, nodes, **options)
 
     @classmethod
@@ -172,20 +179,19 @@ class MeasurementGraph:
         Each edge (i, j) has an attribute `rotation` that holds R_ij as a matrix (3, 3) or a
         quaternion (4,) xyzw, and may have a `weight` (1 otherwise).
         """
-        if not graph.is_directed():
-            raise GraphError(
-                "the networkx graph is undirected, so an edge {u, v} does not say whether its "
-                "rotation is u_from_v or v_from_u: expected a DiGraph or a MultiDiGraph"
-            )
-        edges = as_edges(list(graph.edges()))
-        matrices = np.empty((len(edges), 3, 3))
-        weights = []
-        for k, (_, _, attributes) in enumerate(graph.edges(data=True)):
-            if rotation not in attributes:
-                raise _edge_error(edges, k, f"it has no attribute {rotation!r}")
-            matrices[k] = _matrix(attributes[rotation], edges, k)
-            weights.append(attributes.get(weight, 1.0))
-        return cls(edges, matrices, weights, list(graph.nodes), convention=convention)
+        from rotavg.partners.networkx import from_networkx
+
+        return from_networkx(graph, rotation, weight, convention)
+
+    def to_networkx(self) -> Any:
+        """A `networkx.MultiDiGraph` with `rotation` (3, 3) and `weight` on every edge."""
+        from rotavg.partners.networkx import to_networkx
+
+        return to_networkx(self)
+
+    def to_scipy(self) -> Any:
+        """The relative rotations as a `scipy.spatial.transform.Rotation` of length m."""
+        return require("scipy.spatial.transform", "scipy").Rotation.from_matrix(self.rotations)
 
     @property
     def num_nodes(self) -> int:
@@ -226,37 +232,44 @@ class MeasurementGraph:
             self.rotations[edges],
             self.weights[edges],
             self.nodes[rows],
+            translations=None if self.translations is None else self.translations.select(edges),
             source=None if self.source is None else self.source.select(edges),
             notes=self.notes,
         )
 
     def with_weights(self, weights: ArrayLike) -> MeasurementGraph:
         """The same graph with other weights (m,)."""
-        return MeasurementGraph(
-            self.edges, self.rotations, weights, self.nodes, source=self.source, notes=self.notes
-        )
+        return _rebuild(
+            self.edges, self.rotations, weights, self.nodes,
+            self.translations, self.source, self.notes,
+        )  # fmt: skip
 
     def __repr__(self) -> str:
         return f"MeasurementGraph({self.num_nodes} nodes, {self.num_edges} edges)"
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild, (
-            self.edges, self.rotations, self.weights, self.nodes, self.source, self.notes
+            self.edges, self.rotations, self.weights, self.nodes,
+            self.translations, self.source, self.notes,
         )  # fmt: skip
 
 
 def _rebuild(
     edges: IdArray,
     rotations: NDArray[np.float64],
-    weights: NDArray[np.float64],
+    weights: ArrayLike,
     nodes: IdArray,
+    translations: RelativeTranslations | None,
     source: Source | None,
     notes: tuple[str, ...],
 ) -> MeasurementGraph:
-    return MeasurementGraph(edges, rotations, weights, nodes, source=source, notes=notes)
+    return MeasurementGraph(
+        edges, rotations, weights, nodes, translations=translations, source=source, notes=notes
+    )
 
 
-def _edge_error(edges: IdArray, edge: int, reason: str) -> GraphError:
+def edge_error(edges: IdArray, edge: int, reason: str) -> GraphError:
+    """A GraphError that names row `edge` of the edges (m, 2), and its nodes."""
     i, j = edges[edge].tolist()
     return GraphError(f"edge {edge} ({i!r} -> {j!r}): {reason}", edge=edge)
 
@@ -265,19 +278,5 @@ def _indices(edges: IdArray, nodes: IdArray) -> NDArray[np.int32]:
     rows = rows_of(edges, nodes)
     if (rows < 0).any():
         k, side = divmod(int(np.argmin(rows)), 2)
-        raise _edge_error(edges, k, f"node {edges[k, side].item()!r} is not among the given nodes")
+        raise edge_error(edges, k, f"node {edges[k, side].item()!r} is not among the given nodes")
     return rows.astype(np.int32)
-
-
-def _matrix(value: Any, edges: IdArray, edge: int) -> NDArray[np.float64]:
-    """Rotation matrix of an edge attribute that holds a matrix or a quaternion."""
-    if np.shape(value) == (3, 3):
-        return as_floats(value, (3, 3), "rotations")
-    if np.shape(value) != (4,):
-        reason = f"its rotation has shape {np.shape(value)}, expected (3, 3) or (4,)"
-        raise _edge_error(edges, edge, reason)
-    quaternion = as_floats([value], (1, 4), "quaternions")
-    bad = conventions.first_bad_quaternion(quaternion)
-    if bad is not None:
-        raise _edge_error(edges, edge, bad[1])
-    return conventions.matrices_from_quaternions(quaternion).reshape(3, 3)

@@ -253,7 +253,9 @@ class Solution:
         if not self.status.converged:
             return "not certified: not converged yet"
         if c.method == "relaxation":
-            return "not certified: the relaxation lies below, so that the gap may be smaller than told"
+            return (
+                "not certified: the relaxation lies below, so that the gap may be smaller than told"
+            )
         return c.verdict.sentence
 
     def __repr__(self) -> str:

@@ -68,7 +68,7 @@ def test_binary_junk(tmp_path: Path, name: str, seed: int) -> None:
 def test_unknown_formats_list_the_known(tmp_path: Path) -> None:
     path = tmp_path / "a.dat"
     path.write_text("hello\n")
-    known = r"g2o \(\.g2o\).*npz|npz \(\.npz\), g2o \(\.g2o\), csv \(\.csv\), text"
+    known = r"npz \(\.npz\), .*g2o \(\.g2o\), .*csv \(\.csv\), text"
     with pytest.raises(FormatError, match=known):
         read(path)
     with pytest.raises(FormatError, match=r"unknown format 'ply', expected one of .*g2o"):
@@ -124,8 +124,8 @@ def test_g2o_without_edges(tmp_path: Path) -> None:
     path.write_text("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n")
     with pytest.raises(FormatError, match=r"none\.g2o: the file has no edges"):
         read(path)
-    path.write_text("VERTEX_SE2 0 0 0 0\nEDGE_SE2 0 1 0 0 0 1 0 0 1 0 1\n")
-    with pytest.raises(FormatError, match=r"no line EDGE_SE3:QUAT, found .*EDGE_SE2: 1"):
+    path.write_text("VERTEX_SE2 0 0 0 0\nEDGE_SE2_XY 0 1 0 0 0 1 0\n")
+    with pytest.raises(FormatError, match=r"no line EDGE_SE3:QUAT, .*; found .*EDGE_SE2_XY: 1"):
         read(path)
 
 
@@ -164,7 +164,7 @@ def test_bad_text_line(tmp_path: Path, suffix: str, line: str, message: str) -> 
         ("# nothing but a comment\n", r"a\.txt: the file has no edges"),
         ("i j qx qy qz qw\n", r"a\.txt: the file has no edges"),
         ("0 1 2\n", r"a\.txt:1: found 3 fields, expected 6 or 7"),
-        ("0 1 1 0 0 0 1 0 0 0 1 0 0 0\n", r"a\.txt:1: found 14 fields, expected 6 or 7"),
+        ("0 1 1 0 0 0 1 0 0 0 1 0 0\n", r"a\.txt:1: found 13 fields, expected 6 or 7"),
         (f"{2**70} 1 0 0 0 1\n", "expected integers of 64 bits"),
     ],
 )

@@ -15,6 +15,8 @@ import pytest
 
 import rotavg
 from rotavg.cli.solve import solve as solve_command
+from rotavg.conventions import Convention
+from rotavg.io import FORMATS
 from rotavg.solve import Init, Method, Mu, Stop
 
 
@@ -110,6 +112,13 @@ def test_no_certify(graph_file: Path) -> None:
         (["simulate", "cycle", "-n", "1", "-o", "x.g2o"], "1 is not in the range"),
         (["simulate", "cycle", "-n", "5", "--drop", "0.9", "-o", "x.g2o"], "drop"),
         (["convert", "graph.g2o", "out.xyz"], "known formats"),
+        (["convert", "graph.g2o", "out.db"], "out.db: colmap is a format for input only"),
+        (["convert", "graph.g2o", "out.tum"], "found a graph to write, expected a solution"),
+        (["solve", "graph.g2o", "-o", "EGs.txt"], "found a solution to write, expected a graph"),
+        (["solve", "graph.g2o", "--output-format", "1dsfm"], "'1dsfm' is not one of"),
+        (["info", "graph.g2o", "--format", "csv"], "graph.g2o:1: found"),
+        (["info", "graph.g2o", "--convention", "vision"], "g2o is in the pose family"),
+        (["info", "."], "cannot be read: Is a directory"),
     ],
 )
 def test_bad_input_is_exit_status_2_with_one_clear_message(
@@ -133,7 +142,13 @@ def test_the_command_offers_every_choice_of_the_library() -> None:
         if isinstance(p.type, click.Choice)
     }
     choices = {"method": Method, "init": Init, "stop": Stop, "mu": Mu}
-    assert offered == {name: get_args(words) for name, words in choices.items()}
+    choices["convention"] = Convention
+    expected = {name: get_args(words) for name, words in choices.items()}
+    expected["format"] = tuple(form.name for form in FORMATS if form.read)
+    expected["output_format"] = tuple(
+        form.name for form in FORMATS if form.write and form.has_solutions
+    )
+    assert offered == expected
 
 
 def test_info_tells_how_hard_a_graph_is(graph_file: Path) -> None:
@@ -206,3 +221,46 @@ def test_unit_weights_are_written_by_convert(tmp_path: Path) -> None:
     done = run("convert", "--unit-weights", tmp_path / "a.g2o", tmp_path / "b.g2o")
     assert done.returncode == 0, done.stderr
     np.testing.assert_allclose(rotavg.read(tmp_path / "b.g2o").weights, 1, rtol=1e-12)
+
+
+def test_formats_and_families_may_be_told(tmp_path: Path) -> None:
+    graph = rotavg.simulate("cycle", 6, seed=1).graph
+    vision = rotavg.MeasurementGraph(graph.edges, graph.rotations, convention="vision")
+    rotavg.write(tmp_path / "pairs", vision, format="csv")
+    told = ["--format", "csv", "--convention", "vision"]
+    done = run("solve", tmp_path / "pairs", *told, "-o", tmp_path / "x", "--output-format", "tum")
+    assert done.returncode == 0, done.stderr
+    found = np.loadtxt(tmp_path / "x")[:, 4:]
+    expected = rotavg.solve(graph).quaternions
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    done = run("convert", tmp_path / "pairs", tmp_path / "scene", "--output-format", "1dsfm")
+    assert done.returncode == 0, done.stderr
+    assert run("info", tmp_path / "scene").returncode == 0
+
+
+def test_lost_weights_and_missing_scipy_are_told_on_stderr(
+    graph_file: Path, tmp_path: Path
+) -> None:
+    weighted = rotavg.read(graph_file)
+    rotavg.write(graph_file, weighted.with_weights(np.arange(1.0, weighted.num_edges + 1)))
+    done = run("convert", graph_file, tmp_path / "a.irotavg")
+    assert done.returncode == 0
+    assert "warning: " in done.stderr
+    assert "the weights are not in it" in done.stderr
+
+    (tmp_path / "pose.g2o").write_text(
+        "EDGE_SE3:QUAT 0 1 1 2 3 0 0 0 1 1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 4 0 0 4 0 4\n"
+    )
+    code = "import sys; sys.modules['scipy.sparse'] = None; import rotavg.cli; rotavg.cli.main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "solve", "pose.g2o", "-o", "out.g2o", "--json"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["solved"]
+    assert done.stderr.startswith("warning: out.g2o: only the rotations are new")
+    assert 'pip install "rotavg[scipy]"' in done.stderr
+    assert (tmp_path / "out.g2o").is_file()

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import pickle
+import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+import rotavg
 from answers import random_answer
-from rotavg.conventions import matrices_from_quaternions
-from rotavg.errors import FormatError
+from rotavg.conventions import matrices_from_quaternions, quaternions_from_matrices
+from rotavg.errors import FormatError, IncompleteWarning
 from rotavg.graph import MeasurementGraph
 from rotavg.io import read, write
 from rotavg.simulate import simulate
@@ -23,6 +27,14 @@ SOME_Q = "0.1 -0.2 0.3 0.9273618495495703"
 def information(rotation: str = "4 0 0 4 0 4") -> str:
     k = rotation.split()
     return f"1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 {' '.join(k)}"
+
+
+def pose(fields: list[bytes]) -> list[float]:
+    return [float(field) for field in fields]
+
+
+def xyzw(rotation: NDArray[np.float64]) -> list[float]:
+    return quaternions_from_matrices(rotation).tolist()
 
 
 def edge(i: int, j: int, q: str = SOME_Q, rotation: str = "4 0 0 4 0 4") -> str:
@@ -59,7 +71,7 @@ def messy(tmp_path: Path) -> Path:
 def test_reads_what_users_write(messy: Path) -> None:
     graph = read(messy)
     last = 18446744073709551615
-    assert graph.nodes.tolist() == [3, 12, last]
+    assert graph.nodes.tolist() == [3, 12, 77, last]
     assert graph.edges.tolist() == [[last, 3], [3, 12], [12, last]]
     # kappa = 3 / (2 tr(Omega^-1)): Omega = 4 I gives 2, diag(3, 6, 6) gives 3 / (2 * 2/3).
     np.testing.assert_allclose(graph.weights, [2, 2.25, 2], rtol=1e-15)
@@ -108,21 +120,103 @@ def test_solution_goes_back_into_its_file(messy: Path, tmp_path: Path) -> None:
     write(out, answer)
     new = out.read_bytes().split(b"\r\n")
     old = MESSY.encode().split(b"\r\n")
-    q = [" ".join(map(repr, row)).encode() for row in answer.quaternions.tolist()]
+    # The file fixes node 3: it stays, and with it the gauge. 77 is a component of its own.
+    world_from_3 = matrices_from_quaternions([0.5, 0.5, 0.5, 0.5])
+    expected = world_from_3 @ answer.rotations[0].T @ answer.rotations
+    where = rotavg.positions(graph, expected, fixed={0: [7, 8, 9], 2: [9, 9, 9]})
     # Node 12 has no vertex line: it gets one, before the first edge. All else stays, byte for byte.
-    assert new.pop(5) == b"VERTEX_SE3:QUAT 12 0 0 0 " + q[1]
+    fields = new.pop(5).split()
+    assert fields[:2] == [b"VERTEX_SE3:QUAT", b"12"]
+    np.testing.assert_allclose(pose(fields[2:]), [*where[1], *xyzw(expected[1])], atol=1e-13)
     assert len(new) == len(old)
     for k, (before, after) in enumerate(zip(old, new)):
         if k == 3:
-            start = b"  VERTEX_SE3:QUAT   18446744073709551615 1.5  2.5 -3e-2   "
-            assert after == start + q[2] + b"   # the last one"
-        elif k == 8:
-            assert after == b"\tVERTEX_SE3:QUAT 3 7 8 9 " + q[0]
+            start, end = b"  VERTEX_SE3:QUAT   18446744073709551615 ", b"   # the last one"
+            assert after.startswith(start)
+            assert after.endswith(end)
+            found = pose(after[len(start) : -len(end)].split())
+            np.testing.assert_allclose(found, [*where[3], *xyzw(expected[3])], atol=1e-13)
+        elif k == 4:
+            assert pose(after.split()[1:]) == [77, 9, 9, 9, 0, 0, 0, 1]
         else:
             assert after == before
     again = read(out)
     np.testing.assert_array_equal(again.edges, graph.edges)
     np.testing.assert_array_equal(again.weights, graph.weights)
+
+
+def test_without_scipy_the_translations_stay_and_the_user_is_told(
+    messy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "scipy.sparse", None)
+    answer = random_answer(read(messy), seed=5)
+    with pytest.warns(IncompleteWarning, match=r"do not fit them .*rotavg\[scipy\]"):
+        write(tmp_path / "out.g2o", answer)
+    new = (tmp_path / "out.g2o").read_bytes().split(b"\r\n")
+    start = b"  VERTEX_SE3:QUAT   18446744073709551615 1.5  2.5 -3e-2 "
+    assert new[3 if new[3].startswith(b"  V") else 4].startswith(start)
+
+
+def test_positions_that_overflow_are_told_and_the_rotations_written(tmp_path: Path) -> None:
+    lines = [edge(k, k + 1, "0 0 0 1").replace(" 1 2 3 ", " 1e308 2 3 ") for k in range(2)]
+    (tmp_path / "far.g2o").write_text("\n".join(lines) + "\n")
+    solution = rotavg.solve(read(tmp_path / "far.g2o"))
+    with pytest.warns(IncompleteWarning, match="the translations' numbers overflow"):
+        write(tmp_path / "out.g2o", solution)
+    lines = (tmp_path / "out.g2o").read_text().splitlines()
+    np.testing.assert_allclose(pose(lines[2].split()[5:]), solution.quaternions[2], atol=1e-14)
+
+
+def test_fixed_landmarks_stay_fixed(tmp_path: Path) -> None:
+    lines = ["VERTEX_XYZ 99 1 2 3", "FIX 0 3 99", "FIX 3", edge(0, 1), edge(1, 2), edge(3, 4)]
+    (tmp_path / "a.g2o").write_text("\n".join(lines) + "\n")
+    graph = read(tmp_path / "a.g2o")
+    write(tmp_path / "b.g2o", graph)
+    assert (tmp_path / "b.g2o").read_text().splitlines() == lines
+    write(tmp_path / "c.g2o", graph.largest_component())
+    assert (tmp_path / "c.g2o").read_text().splitlines() == [lines[0], "FIX 0 99", *lines[3:5]]
+
+
+def test_solutions_of_unpickled_graphs_go_back(messy: Path, tmp_path: Path) -> None:
+    graph = read(messy)
+    write(tmp_path / "a.g2o", random_answer(graph, seed=5))
+    write(tmp_path / "b.g2o", random_answer(pickle.loads(pickle.dumps(graph)), seed=5))
+    assert (tmp_path / "a.g2o").read_bytes() == (tmp_path / "b.g2o").read_bytes()
+
+
+def test_several_fixed_vertices_stay_where_they_are(tmp_path: Path) -> None:
+    lines = [f"VERTEX_SE3:QUAT {k} {k} 0 0 0 0 {0.1 * k} 1" for k in range(6)]
+    lines += [edge(k, k + 1) for k in range(5)]
+    path = tmp_path / "fixed.g2o"
+    path.write_text("\n".join([*lines, "FIX 1 4", "FIX 5"]) + "\n")
+    write(tmp_path / "out.g2o", rotavg.solve(read(path)))
+    new = (tmp_path / "out.g2o").read_text().splitlines()
+    same = [before == after for before, after in zip(lines, new)]
+    assert same[:6] == [False, True, False, False, True, True]
+
+
+def test_components_keep_their_places(tmp_path: Path) -> None:
+    quarter = f"0 0 {np.sqrt(0.5)} {np.sqrt(0.5)}"
+    lines = [f"VERTEX_SE3:QUAT 0 5 5 5 {quarter}", "VERTEX_SE3:QUAT 7 -5 0 0 0 0 0 1"]
+    lines += [edge(0, 1, "0 0 0 1"), edge(7, 8, "0 0 0 1")]
+    path = tmp_path / "two.g2o"
+    path.write_text("\n".join(lines) + "\n")
+    write(tmp_path / "out.g2o", rotavg.solve(read(path)))
+    new = [line.split() for line in (tmp_path / "out.g2o").read_text().splitlines()[:4]]
+    found = {int(line[1]): [float(x) for x in line[2:]] for line in new}
+    turned = [0, 0, np.sqrt(0.5), np.sqrt(0.5)]
+    np.testing.assert_allclose(found[0], [5, 5, 5, *turned], atol=1e-14)
+    np.testing.assert_allclose(found[1], [5 - 2, 5 + 1, 5 + 3, *turned], atol=1e-14)
+    np.testing.assert_allclose(found[7], [-5, 0, 0, 0, 0, 0, 1], atol=1e-14)
+    np.testing.assert_allclose(found[8], [-4, 2, 3, 0, 0, 0, 1], atol=1e-14)
+
+
+def test_nodes_without_edges_survive(tmp_path: Path) -> None:
+    graph = MeasurementGraph([[1, 2]], [np.eye(3)], nodes=[1, 2, 3])
+    write(tmp_path / "alone.g2o", graph)
+    assert read(tmp_path / "alone.g2o").nodes.tolist() == [1, 2, 3]
+    write(tmp_path / "solved.g2o", rotavg.solve(read(tmp_path / "alone.g2o")))
+    assert read(tmp_path / "solved.g2o").nodes.tolist() == [1, 2, 3]
 
 
 def test_graph_goes_back_unchanged(messy: Path, tmp_path: Path) -> None:
@@ -152,9 +246,8 @@ def test_part_of_a_graph_is_written_as_that_part(tmp_path: Path) -> None:
     answer = random_answer(part, seed=2)
     write(tmp_path / "part.g2o", answer)
     new = (tmp_path / "part.g2o").read_text().splitlines()
-    assert [line.split()[:3] for line in new[:5]] == [line.split()[:3] for line in lines[:5]]
-    assert new[3:5] == lines[3:5]
-    assert new[5:] == lines[5:7]
+    assert [line.split()[:2] for line in new[:3]] == [line.split()[:2] for line in lines[:3]]
+    assert new[3:] == lines[5:7]
     np.testing.assert_array_equal(read(tmp_path / "part.g2o").nodes, [0, 1, 2])
 
 
@@ -208,12 +301,19 @@ def test_real_graph_round_trip(name: str, tmp_path: Path) -> None:
         np.testing.assert_array_equal(getattr(again, attribute), getattr(graph, attribute))
     old, new = path.read_bytes().splitlines(), (tmp_path / "out.g2o").read_bytes().splitlines()
     assert len(old) == len(new)
-    quaternion = dict(zip(graph.nodes.tolist(), answer.quaternions.tolist()))
+    gauge = answer.rotations[0].T  # every one of these files has its first node at the origin
+    expected = gauge @ answer.rotations
+    numbers = np.hstack([rotavg.positions(graph, expected), quaternions_from_matrices(expected)])
+    row = {node: k for k, node in enumerate(graph.nodes.tolist())}
     for before, after in zip(old, new):
         if before.startswith(b"VERTEX"):
             b, a = before.split(), after.split()
-            assert a[:5] == b[:5]
-            assert [float(x) for x in a[5:]] == quaternion[int(b[1])]
+            assert a[:2] == b[:2]
+            found = np.array(pose(a[2:]))
+            wanted = numbers[row[int(b[1])]]
+            np.testing.assert_allclose(found[:3], wanted[:3], atol=1e-9)
+            sign = np.sign(found[3:] @ wanted[3:])
+            np.testing.assert_allclose(found[3:], sign * wanted[3:], atol=1e-13)
         else:
             assert after == before
     write(tmp_path / "graph.g2o", graph)

@@ -15,9 +15,11 @@ from rotavg.cli.output import print_json, print_notes, print_table, working
 
 @click.command(short_help="Tell what graph is in a file, and how hard it is.")
 @click.argument("input_path", metavar="INPUT", type=options.PATH)
+@options.input_format
+@options.convention
 @options.unit_weights
 @options.as_json
-def info(input_path: Path, unit_weights: bool, as_json: bool) -> None:
+def info(input_path: Path, as_json: bool, **reading: Any) -> None:
     """Tell what graph is in INPUT, and how hard it is to average.
 
     \b
@@ -26,7 +28,7 @@ def info(input_path: Path, unit_weights: bool, as_json: bool) -> None:
       rotavg info graph.g2o --json | jq .cycles.noise_per_edge_deg
     """
     with working(f"examining {input_path}"):
-        graph = rotavg.read(input_path, unit_weights=unit_weights)
+        graph = rotavg.read(input_path, **reading)
         measures = _measures(graph, rotavg.hardness(graph))
     if as_json:
         print_json({**measures, "notes": list(graph.notes)})

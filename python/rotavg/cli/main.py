@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+import warnings
+from typing import Any
 
 import click
 
@@ -44,6 +46,7 @@ for command in (solve, info, simulate, convert, reproduce, completion):
 
 def run() -> None:
     """Run the command and exit with its status."""
+    warnings.showwarning = _show_warning
     try:
         status = commands.main(prog_name="rotavg", standalone_mode=False)
     except click.ClickException as error:
@@ -56,3 +59,7 @@ def run() -> None:
         click.echo("interrupted", err=True)
         status = INTERRUPTED
     sys.exit(status or 0)
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    click.echo(f"warning: {message}", err=True)

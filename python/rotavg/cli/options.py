@@ -7,11 +7,41 @@ from typing import Any, Callable
 
 import click
 
+from rotavg.io import FORMATS
+
 PATH = click.Path(path_type=Path)
 
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 unit_weights = click.option(
     "--unit-weights", is_flag=True, help="Weight 1 for every edge, whatever the file says."
+)
+
+input_format = click.option(
+    "--format",
+    "format",
+    type=click.Choice([form.name for form in FORMATS if form.read]),
+    help="Format of the input, if neither its content nor its name tells it.",
+)
+
+
+def output_format(formats: list[str]) -> Callable[[Any], Any]:
+    """The option that says what to write."""
+    return click.option(
+        "--output-format",
+        type=click.Choice(formats),
+        help="Format of the output, if its name does not tell it.",
+    )
+
+
+output_graph = output_format([form.name for form in FORMATS if form.write and form.has_graphs])
+output_solution = output_format(
+    [form.name for form in FORMATS if form.write and form.has_solutions]
+)
+convention = click.option(
+    "--convention",
+    type=click.Choice(["pose", "vision"]),
+    help="Family of the input's rotations, where text, csv or npz leave it open: pose (R_i R_ij = "
+    "R_j, the default) or vision (R_ij = R_j R_i^T).",
 )
 
 

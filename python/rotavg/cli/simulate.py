@@ -27,7 +27,11 @@ from rotavg.simulate import KINDS
     help="Number of nodes.",
 )
 @click.option(
-    "-o", "--output", type=options.PATH, required=True, help="A .g2o, .txt, .csv or .npz file."
+    "-o",
+    "--output",
+    type=options.PATH,
+    required=True,
+    help="A .g2o, .graph, .txt, .csv or .npz file.",
 )
 @number("--noise", click.FloatRange(0), 0.0, "Standard deviation of the noise angle, radians.")
 @number("--drop", click.FloatRange(0, 1), 0.0, "Fraction of edges to leave out.")

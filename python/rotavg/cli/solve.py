@@ -6,7 +6,7 @@ import shlex
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -23,7 +23,10 @@ from rotavg.report import Run, check_report, write_report
     cls=Command,
     short_help="Find the rotations that fit best, and certify them.",
     groups={
-        "Input and output": ("output", "report", "unit_weights", "as_json"),
+        "Input and output": (
+            *("output", "report", "format", "output_format", "convention"),
+            *("unit_weights", "as_json"),
+        ),
         "Method": ("method", "init", "seed", "mu", "accelerate", "max_rank"),
         "When to stop": ("tolerance", "stop", "max_iterations", "time_limit"),
     },
@@ -31,13 +34,16 @@ from rotavg.report import Run, check_report, write_report
     "2 bad input or usage.",
 )
 @click.argument("input_path", metavar="INPUT", type=options.PATH)
-@click.option("-o", "--output", type=options.PATH, help="Write a .g2o, .txt, .csv or .npz file.")
+@click.option(
+    "-o",
+    "--output",
+    type=options.PATH,
+    help="Write the poses; the name tells the format: .g2o, .csv, .tum, images.txt, ...",
+)
 @click.option(
     "--report", type=options.PATH, help="Write an interactive report to look at, an .html file."
 )
-@choice(
-    "--method", ["auto", "bcd", "sum", "newton", "staircase", "bcdsr"], "auto", "Solver."
-)
+@choice("--method", ["auto", "bcd", "sum", "newton", "staircase", "bcdsr"], "auto", "Solver.")
 @choice(
     "--init",
     ["auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random"],
@@ -67,6 +73,9 @@ from rotavg.report import Run, check_report, write_report
     "--max-rank", click.IntRange(0, 100), 10, "How high the staircase climbs; below 5: not at all."
 )
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
+@options.input_format
+@options.output_solution
+@options.convention
 @options.unit_weights
 @options.as_json
 def solve(
@@ -75,6 +84,9 @@ def solve(
     report: Path | None,
     threads: int | None,
     no_certify: bool,
+    format: str | None,
+    output_format: str | None,
+    convention: Literal["pose", "vision"] | None,
     unit_weights: bool,
     as_json: bool,
     **settings: Any,
@@ -87,12 +99,14 @@ def solve(
       rotavg solve graph.txt --method sum --threads 4 --json
     """
     if output is not None:
-        check_writable(output)  # before the work, not after it
+        check_writable(output, output_format, solution=True)  # before the work, not after it
     if report is not None:
         check_report(report, input_path, output)
     start = time.perf_counter()
     with working(f"reading {input_path}"):
-        graph = rotavg.read(input_path, unit_weights=unit_weights)
+        graph = rotavg.read(
+            input_path, format=format, convention=convention, unit_weights=unit_weights
+        )
     read_seconds = time.perf_counter() - start
     if not as_json:
         print_notes(graph)
@@ -101,7 +115,7 @@ def solve(
             graph, num_threads=threads, certify=not no_certify, callback=callback, **settings
         )
     if output is not None:
-        rotavg.write(output, solution)
+        rotavg.write(output, solution, format=output_format)
     if report is not None:
         with working(f"writing {report}"):
             write_report(report, solution, _run(input_path, read_seconds))

@@ -3,7 +3,16 @@
 A further format is one more file with a `Format` in it, listed in `formats.py`.
 """
 
-from rotavg.io.formats import check_writable, read, write
+from rotavg.io.formats import FORMATS, check_writable, read, write
+from rotavg.io.gravity import read_gravity, write_gravity
 from rotavg.io.registry import Format
 
-__all__ = ["Format", "check_writable", "read", "write"]
+__all__ = [
+    "FORMATS",
+    "Format",
+    "check_writable",
+    "read",
+    "read_gravity",
+    "write",
+    "write_gravity",
+]

@@ -4,26 +4,44 @@ from __future__ import annotations
 
 import os
 import secrets
+from collections.abc import Mapping
 from pathlib import Path
 
 from rotavg.errors import FileAccessError
 
 
-def write_bytes(path: Path, data: bytes) -> None:
-    """Write `data` to a temporary file beside `path`, then move it there in one step.
+def write_files(files: Mapping[Path, bytes]) -> None:
+    """Write each file to a temporary one beside it, then move them all there, each in one step.
 
-    Raises FileAccessError; then nothing is left behind and a file that was there is as it was.
-    A pipe or a device (/dev/stdout) cannot be replaced and is written to directly.
+    Raises FileAccessError; then nothing is left behind, and files that were there are as they were
+    (unless moving itself fails, after the writing has not). A folder is made for them where there
+    is none but its parent. A pipe or a device (/dev/stdout) cannot be replaced and is written to
+    directly.
     """
+    temporary: dict[Path, Path] = {}
+    made: list[Path] = []
+    path = Path()
     try:
-        if path.exists() and not path.is_file():
-            path.write_bytes(data)  # a directory fails here, too
-            return
-        target = Path(os.path.realpath(path))  # a link stays a link
-        _replace(target, data)
+        for path, data in files.items():
+            if len(files) > 1 and not path.parent.exists():
+                path.parent.mkdir()
+                made.append(path.parent)
+            if path.exists() and not path.is_file():
+                path.write_bytes(data)  # a directory fails here, too
+                continue
+            target = Path(os.path.realpath(path))  # a link stays a link
+            temporary[target] = _beside(target, data)
+        for target, ready in temporary.items():
+            ready.replace(target)
+        made.clear()
     except OSError as error:
         reason = error.strerror or str(error)
         raise FileAccessError(f"cannot be written: {reason}", path=path) from error
+    finally:
+        for ready in temporary.values():
+            ready.unlink(missing_ok=True)
+        for folder in made:
+            folder.rmdir()
 
 
 def check_writable(path: Path) -> None:
@@ -40,7 +58,8 @@ def check_writable(path: Path) -> None:
     raise FileAccessError(f"cannot be written: {reason}", path=path)
 
 
-def _replace(target: Path, data: bytes) -> None:
+def _beside(target: Path, data: bytes) -> Path:
+    """A temporary file with this content, ready to replace `target`."""
     if target.exists() and not os.access(target, os.W_OK):
         target.open("ab").close()  # raises: replacing would get round the write protection
     temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(4)}.tmp")
@@ -49,7 +68,7 @@ def _replace(target: Path, data: bytes) -> None:
             stream.write(data)
         if target.exists():
             temporary.chmod(target.stat().st_mode & 0o7777)
-        temporary.replace(target)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+    return temporary

@@ -3,25 +3,61 @@
 from __future__ import annotations
 
 import os
+import warnings
 from pathlib import Path
 
-from rotavg.errors import FormatError
+import numpy as np
+
+from rotavg.conventions import Convention
+from rotavg.errors import FormatError, IncompleteWarning
 from rotavg.graph import MeasurementGraph
-from rotavg.io import atomic, g2o, npz, registry, text
-from rotavg.io.registry import Format, SolutionLike, Writable
+from rotavg.io import (
+    atomic,
+    colmap_database,
+    colmap_images,
+    csv_text,
+    g2o,
+    glomap,
+    irotavg,
+    npz,
+    onedsfm,
+    registry,
+    text,
+    tum,
+)
+from rotavg.io.registry import Format, ReadOptions, SolutionLike, Writable
 
 # In the order in which they are asked whether they recognise a content: the vaguest come last.
-FORMATS: tuple[Format, ...] = (npz.NPZ, g2o.G2O, text.CSV, text.TEXT)
+FORMATS: tuple[Format, ...] = (
+    npz.NPZ,
+    colmap_database.COLMAP_DATABASE,
+    colmap_images.COLMAP_IMAGES,
+    g2o.G2O,
+    g2o.TORO,
+    tum.TUM,
+    onedsfm.ONEDSFM,
+    glomap.GLOMAP,
+    irotavg.IROTAVG,
+    csv_text.CSV,
+    text.TEXT,
+)
 
 
 def read(
-    path: str | os.PathLike[str], *, format: str | None = None, unit_weights: bool = False
+    path: str | os.PathLike[str],
+    *,
+    format: str | None = None,
+    convention: Convention | None = None,
+    unit_weights: bool = False,
 ) -> MeasurementGraph:
     """Read a measurement graph.
 
     Args:
-        path: the file; its format is told by its content or, failing that, by its name.
-        format: "g2o", "text", "csv" or "npz", to leave nothing to be told.
+        path: the file, or the folder of a 1DSfM data set; the format is told by its content or,
+            failing that, by its name.
+        format: the name of a format (docs/formats.md), to leave nothing to be told.
+        convention: the family that the rotations are in, "pose" or "vision", where the format
+            leaves that open: text, csv and npz, "pose" by default.
         unit_weights: weigh every edge 1 and ignore what the file says about weights.
 
     Returns:
@@ -30,14 +66,21 @@ def read(
 
     Raises:
         FileAccessError: the file cannot be read.
-        FormatError: it holds no measurement graph; the message names the line and the reason.
+        FormatError: it holds no measurement graph; the message names the line and the reason. Or
+            the format has a convention of its own, which is another.
     """
     path = Path(path)
-    chosen = None if format is None else registry.named(FORMATS, format)
-    data = registry.read_bytes(path)
-    if chosen is None:
+    if format is None:
+        path = registry.in_folder(FORMATS, path)
+        data = registry.read_bytes(FORMATS, path)
         chosen = registry.of_content(FORMATS, path, data)
-    return chosen.read(path, data, unit_weights)
+    else:
+        chosen = registry.named(FORMATS, format)
+        path = chosen.file_of(path)
+        data = registry.read_bytes(FORMATS, path)
+    if chosen.read is None:
+        raise FormatError(f"{chosen.name} is a format for output only", path=path)
+    return chosen.read(path, data, ReadOptions(unit_weights, _family(path, chosen, convention)))
 
 
 def write(
@@ -45,13 +88,18 @@ def write(
 ) -> None:
     """Write a measurement graph, or a solution, to a file, replacing one that is there.
 
-    The new content appears all at once or not at all. Where a graph was read from a g2o file and
-    is written as g2o, everything but the new rotations stays as it was.
+    The new content appears all at once or not at all. A pose graph that was read from a file goes
+    back into it: everything but the new poses stays as it was. Where it has translations, positions
+    are solved for (see `rotavg.positions`; needs SciPy).
 
     Args:
-        path: the file; its name tells the format ("out.g2o", "out.txt", "out.csv", "out.npz").
+        path: the file; its name tells the format ("out.g2o", "out.txt", "out.csv", "out.npz" ...).
         graph_or_solution: a MeasurementGraph or a Solution.
-        format: "g2o", "text", "csv" or "npz", whatever the name.
+        format: the name of a format (docs/formats.md), whatever the file's name.
+
+    Warns:
+        IncompleteWarning: SciPy is missing, so that translations stay as they were; or the format
+            has no place for weights that are not all equal.
 
     Raises:
         FileAccessError: the file cannot be written; what was there before is untouched.
@@ -60,15 +108,54 @@ def write(
     if not isinstance(graph_or_solution, (MeasurementGraph, SolutionLike)):
         found = type(graph_or_solution).__name__
         raise FormatError(f"found a {found} to write, expected a MeasurementGraph or a Solution")
+    path, chosen = _output(path, format)
+    chosen.check_writes(path, solution=not isinstance(graph_or_solution, MeasurementGraph))
+    assert chosen.write is not None
+    content = chosen.write(path, graph_or_solution)
+    atomic.write_files({path: content} if isinstance(content, bytes) else content)
+    if not chosen.has_weights and isinstance(graph_or_solution, MeasurementGraph):
+        _tell_lost_weights(path, chosen, graph_or_solution)
+
+
+def check_writable(
+    path: str | os.PathLike[str], format: str | None = None, *, solution: bool = False
+) -> None:
+    """Raise what `write` would raise for this path, as far as it can be told before the work.
+
+    `solution` says that it is a solution that will be written, not a graph.
+    """
+    path, chosen = _output(path, format)
+    chosen.check_writes(path, solution)
+    new_folder = chosen.main_file and not path.parent.exists()
+    atomic.check_writable(path.parent if new_folder else path)
+
+
+def _output(path: str | os.PathLike[str], format: str | None) -> tuple[Path, Format]:
+    """The file to write and its format."""
     path = Path(path)
-    if format is None:
-        chosen = registry.by_suffix(FORMATS, path)
-    else:
+    if format is not None:
         chosen = registry.named(FORMATS, format)
-    atomic.write_bytes(path, chosen.write(path, graph_or_solution))
+    else:
+        path = registry.in_folder(FORMATS, path)
+        chosen = registry.by_suffix(FORMATS, path)
+    return chosen.file_of(path), chosen
 
 
-def check_writable(path: str | os.PathLike[str]) -> None:
-    """Raise what `write` would raise for this path, as far as it can be told before the work."""
-    registry.by_suffix(FORMATS, Path(path))
-    atomic.check_writable(Path(path))
+def _tell_lost_weights(path: Path, form: Format, graph: MeasurementGraph) -> None:
+    if np.ptp(graph.weights) > 0:
+        message = f"{path}: the weights are not in it, {form.name} has no place for them"
+        warnings.warn(message, IncompleteWarning, stacklevel=3)
+
+
+def _family(path: Path, form: Format, asked: Convention | None) -> Convention:
+    if asked is None or asked == form.convention:
+        return form.convention
+    if asked not in ("pose", "vision"):
+        raise FormatError(f"convention is {asked!r}, expected 'pose' or 'vision'")
+    if not form.any_convention:
+        raise FormatError(
+            f"{form.name} is in the {form.convention} family by definition, "
+            f"not in the {asked} family",
+            path=path,
+        )
+    return asked

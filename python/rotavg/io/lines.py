@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -9,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.errors import FormatError
+from rotavg.ids import IdArray
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_NOT_IN_A_NAME = re.compile(r"[\s,#]")
 
 
 def content_lines(path: Path, data: bytes) -> Iterator[tuple[int, bytes]]:
@@ -80,3 +83,26 @@ def shown(field: bytes) -> str:
 def exactly(row: NDArray[np.float64]) -> list[str]:
     """Each number as the shortest text that reads back as the same double."""
     return list(map(repr, row.tolist()))
+
+
+def ids_of(path: Path, fields: Sequence[bytes]) -> IdArray:
+    """Node ids (k,): integers if all fields are such and spelt as usual, names otherwise."""
+    try:
+        integers = list(map(int, fields))
+        if b" ".join(fields) == " ".join(map(str, integers)).encode():
+            return np.array(integers, dtype=object)
+    except ValueError:
+        pass
+    try:
+        return np.array([field.decode() for field in fields])
+    except UnicodeDecodeError as error:
+        raise FormatError(f"the names are not UTF-8: {error}", path=path) from None
+
+
+def plain_name(path: Path, name: str) -> str:
+    """The name as it can stand between blanks; FormatError if it would not come back as it is."""
+    if not name or _NOT_IN_A_NAME.search(name):
+        found = f"found a node of the name {name!r}"
+        hint = "(csv and npz hold any name)"
+        raise FormatError(f"{found}, expected no blank, comma or # in it {hint}", path=path)
+    return name

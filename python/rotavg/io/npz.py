@@ -1,7 +1,8 @@
 """NumPy's npz: arrays as they are, pose family; nothing is unpickled.
 
 A graph is `edges` (m, 2) and `rotations` (m, 3, 3), also known as `relative_rotations`, with
-`weights` (m,) and `nodes` (n,) if need be. A solution says so in `kind` and holds `nodes`,
+`weights` (m,), `nodes` (n,), and of a pose graph `translations` (m, 3) with their
+`translation_information` (m, 3, 3), if need be. A solution says so in `kind` and holds `nodes`,
 `edges`, `rotations` (n, 3, 3), `quaternions` (n, 4) xyzw, and its figures.
 """
 
@@ -18,7 +19,8 @@ import numpy as np
 
 from rotavg.errors import FormatError
 from rotavg.graph import MeasurementGraph
-from rotavg.io.registry import Format, Writable, blame_line
+from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
+from rotavg.translations import RelativeTranslations
 
 _FIGURES = (
     "objective", "gradient_norm", "status", "iterations", "component", "residual_angles",
@@ -27,7 +29,7 @@ _FIGURES = (
 )  # fmt: skip
 
 
-def read_npz(path: Path, data: bytes, unit_weights: bool) -> MeasurementGraph:
+def read_npz(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     """Read a graph from an npz archive."""
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
@@ -48,10 +50,21 @@ def read_npz(path: Path, data: bytes, unit_weights: bool) -> MeasurementGraph:
         expected = "expected edges and rotations (or relative_rotations)"
         raise FormatError(f"found the arrays {found}, {expected}", path=path)
     weights, nodes = arrays.pop("weights", None), arrays.pop("nodes", None)
+    vectors = arrays.pop("translations", None)
+    information = arrays.pop("translation_information", None)
     notes = (f"arrays not read: {', '.join(arrays)}",) if arrays else ()
     with blame_line(path):
+        translations = None if vectors is None else RelativeTranslations(vectors, information)
+        if translations is not None and options.convention == "vision":
+            raise FormatError("translations are read in the pose family only", path=path)
         return MeasurementGraph(
-            edges, rotations, None if unit_weights else weights, nodes, notes=notes
+            edges,
+            rotations,
+            None if options.unit_weights else weights,
+            nodes,
+            convention=options.convention,
+            translations=translations,
+            notes=notes,
         )
 
 
@@ -65,6 +78,9 @@ def write_npz(path: Path, item: Writable) -> bytes:
             "weights": item.weights,
             "nodes": item.nodes,
         }
+        if item.translations is not None:
+            arrays["translations"] = item.translations.vectors
+            arrays["translation_information"] = item.translations.information
     else:
         arrays = {
             "kind": "solution",
@@ -99,4 +115,5 @@ NPZ = Format(
     recognises=lambda head: head.startswith(b"PK\x03\x04"),
     read=read_npz,
     write=write_npz,
+    any_convention=True,
 )

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Protocol, Union, runtime_checkable
 
 from numpy.typing import NDArray
 
+from rotavg.conventions import Convention
 from rotavg.errors import FileAccessError, FormatError, GraphError
 from rotavg.graph import MeasurementGraph
 
@@ -35,6 +37,20 @@ class SolutionLike(Protocol):
 
 
 Writable = Union[MeasurementGraph, SolutionLike]
+Content = Union[bytes, Mapping[Path, bytes]]  # of the file itself, or of several files
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """What the user asks of a reader.
+
+    Attributes:
+        unit_weights: weigh every edge 1 and ignore what the file says about weights.
+        convention: the family that the file's rotations are in.
+    """
+
+    unit_weights: bool
+    convention: Convention
 
 
 @dataclass(frozen=True)
@@ -43,17 +59,52 @@ class Format:
 
     Attributes:
         name: what users call it.
-        suffixes: how its files are named, lower case with the dot; the first is the usual one.
+        suffixes: how its files are named, lower case: an ending with a dot, or a pattern of the
+            whole name; the first is the usual one.
         recognises: whether the beginning of a file (up to 64 KiB) is in this format.
-        read: (path, whole content, unit_weights) -> graph; raises FormatError.
-        write: (path, graph or solution) -> whole content; raises FormatError.
+        read: (path, whole content, options) -> graph; raises FormatError. None: it is not read.
+        write: (path, graph or solution) -> content; raises FormatError. None: it is not written.
+        convention: the family of its rotations.
+        any_convention: whether users may say that a file is in the other family.
+        has_graphs, has_solutions: what can be written.
+        has_weights: whether a graph's weights can be written.
+        magic: a beginning that tells that the reader opens the file itself.
+        main_file: of a format that is a folder, the file in it that is read.
     """
 
     name: str
     suffixes: tuple[str, ...]
     recognises: Callable[[bytes], bool]
-    read: Callable[[Path, bytes, bool], MeasurementGraph]
-    write: Callable[[Path, Writable], bytes]
+    read: Callable[[Path, bytes, ReadOptions], MeasurementGraph] | None
+    write: Callable[[Path, Writable], Content] | None
+    convention: Convention = "pose"
+    any_convention: bool = False
+    has_graphs: bool = True
+    has_solutions: bool = True
+    has_weights: bool = True
+    magic: bytes = b""
+    main_file: str = ""
+
+    def is_name(self, path: Path) -> bool:
+        """Whether files of this format are named so."""
+        patterns = (f"*{s}" if s.startswith(".") else s for s in self.suffixes)
+        return any(fnmatchcase(path.name.lower(), pattern) for pattern in patterns)
+
+    def check_writes(self, path: Path, solution: bool) -> None:
+        """FormatError if the format has no place for a solution (or, if not so, for a graph)."""
+        if self.write is None:
+            raise FormatError(f"{self.name} is a format for input only", path=path)
+        if not (self.has_solutions if solution else self.has_graphs):
+            found, expected = ("solution", "graph") if solution else ("graph", "solution")
+            raise FormatError(
+                f"found a {found} to write, expected a {expected}: {self.name} holds no other",
+                path=path,
+            )
+
+    def file_of(self, path: Path) -> Path:
+        """The file to read or write where the user names `path`: of a folder, its main file."""
+        inside = self.main_file and not self.is_name(path)
+        return path / self.main_file if inside else path
 
 
 HEAD_SIZE = 1 << 16
@@ -70,7 +121,7 @@ def named(formats: Sequence[Format], name: str) -> Format:
 def by_suffix(formats: Sequence[Format], path: Path) -> Format:
     """The format that the file's name tells; FormatError lists the known ones."""
     for form in formats:
-        if path.suffix.lower() in form.suffixes:
+        if form.is_name(path):
             return form
     raise FormatError(f"the name does not tell the format, {_expected(formats)}", path=path)
 
@@ -87,10 +138,22 @@ def of_content(formats: Sequence[Format], path: Path, data: bytes) -> Format:
         raise FormatError(f"{found}, {_expected(formats)}", path=path) from None
 
 
-def read_bytes(path: Path) -> bytes:
-    """The whole file; FileAccessError if it cannot be read, FormatError if it is empty."""
+def in_folder(formats: Sequence[Format], path: Path) -> Path:
+    """The file to read of a folder that one of the formats is made of; `path` if it is none."""
+    if path.is_dir():
+        for form in formats:
+            if form.main_file and (path / form.main_file).is_file():
+                return path / form.main_file
+    return path
+
+
+def read_bytes(formats: Sequence[Format], path: Path) -> bytes:
+    """The whole file, or the beginning of one that its reader opens itself.
+
+    Raises FileAccessError if it cannot be read, FormatError if it is empty.
+    """
     try:
-        data = path.read_bytes()
+        data = _magic_of(formats, path) or path.read_bytes()
     except OSError as error:
         reason = error.strerror or str(error)
         raise FileAccessError(f"cannot be read: {reason}", path=path) from error
@@ -107,6 +170,15 @@ def blame_line(path: Path, lines: Sequence[int] | None = None) -> Iterator[None]
     except GraphError as error:
         line = None if lines is None or error.edge is None else int(lines[error.edge])
         raise FormatError(str(error), path=path, line=line) from error
+
+
+def _magic_of(formats: Sequence[Format], path: Path) -> bytes:
+    magics = [form.magic for form in formats if form.magic]
+    if not path.is_file():  # a pipe can be read but once
+        return b""
+    with path.open("rb") as stream:
+        head = stream.read(max(map(len, magics)))
+    return next((magic for magic in magics if head.startswith(magic)), b"")
 
 
 def _expected(formats: Sequence[Format]) -> str:

@@ -1,17 +1,18 @@
-"""Plain text and CSV: one edge per line, pose family.
+"""Plain text: one edge per line, pose family if not told otherwise.
 
     i j qx qy qz qw [weight]
 
 The fields are separated by white space or commas, # begins a comment, and the first line may be
 a header of just these words. R_ij = i_from_j, so that R_i R_ij = R_j with R_i = world_from_i.
 Node ids are integers if all of them are, names otherwise ("007" is a name);
-names that all look like integers therefore come back as integers.
+names that all look like integers therefore come back as integers. Names with blanks, commas or #
+need quotes and therefore a CSV file, see `csv_text`.
 A solution is written as `id qx qy qz qw`, world_from_id.
 """
 
 from __future__ import annotations
 
-import re
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -19,46 +20,66 @@ import numpy as np
 from rotavg.conventions import quaternions_from_matrices
 from rotavg.errors import FormatError
 from rotavg.graph import MeasurementGraph
-from rotavg.ids import IdArray
-from rotavg.io.lines import check_finite, content_lines, exactly, is_number, number_table, shown
-from rotavg.io.registry import Format, Writable, blame_line
+from rotavg.io.lines import (
+    check_finite,
+    content_lines,
+    exactly,
+    ids_of,
+    is_number,
+    number_table,
+    plain_name,
+    shown,
+)
+from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
 
 HEADER = ["i", "j", "qx", "qy", "qz", "qw", "weight"]
 SOLUTION_HEADER = ["id", "qx", "qy", "qz", "qw"]
-_EXPECTED = "i j qx qy qz qw [weight]"
+EXPECTED = "i j qx qy qz qw [weight]"
 _CONVENTION = "pose family: R_i R_ij = R_j, R_i = world_from_i, R_ij = i_from_j; quaternions xyzw"
-_NOT_IN_A_NAME = re.compile(r"[\s,#]")
 
 
-def read_text(path: Path, data: bytes, unit_weights: bool) -> MeasurementGraph:
+def read_text(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     """Read edges from lines of text; every line has a weight or none has."""
+    rows = ((line, text.split()) for line, text in content_lines(path, data.replace(b",", b" ")))
+    return read_rows(path, rows, options)
+
+
+def read_rows(
+    path: Path, rows: Iterable[tuple[int, list[bytes]]], options: ReadOptions
+) -> MeasurementGraph:
+    """Read edges from (line number, fields) of every line that is neither blank nor a comment."""
     ids: list[bytes] = []
-    rows: list[bytes] = []
+    numbers: list[bytes] = []
     lines: list[int] = []
     columns = 0
-    for line, text in content_lines(path, data.replace(b",", b" ")):
-        fields = text.split(None, 2)
+    for line, fields in rows:
         if not columns:
-            columns = _columns(path, line, text.split())
-            if _is_header(text.split()):
+            columns = _columns(path, line, fields)
+            if is_header(fields):
                 continue
         if len(fields) < 3:
             found = f"found {len(fields)} fields, expected {columns + 2}"
-            raise FormatError(f"{found}: {_EXPECTED}", path=path, line=line)
+            raise FormatError(f"{found}: {EXPECTED}", path=path, line=line)
         ids += fields[:2]
-        rows.append(fields[2])
+        numbers.append(b" ".join(fields[2:]))
         lines.append(line)
     if not lines:
-        raise FormatError(f"the file has no edges, expected {_EXPECTED}", path=path)
+        raise FormatError(f"the file has no edges, expected {EXPECTED}", path=path)
 
-    table = number_table(path, rows, lines, columns)
+    table = number_table(path, numbers, lines, columns)
     check_finite(path, table, lines)
-    weights = table[:, 4] if columns == 5 and not unit_weights else None
+    weights = table[:, 4] if columns == 5 and not options.unit_weights else None
     with blame_line(path, lines):
-        return MeasurementGraph.from_quaternions(_ids(path, ids), table[:, :4], weights)
+        return MeasurementGraph.from_quaternions(
+            ids_of(path, ids).reshape(-1, 2),
+            table[:, :4],
+            weights,
+            convention=options.convention,
+        )
 
 
-def _is_header(fields: list[bytes]) -> bool:
+def is_header(fields: list[bytes]) -> bool:
+    """Whether these are the words that name our columns."""
     words = [field.decode(errors="replace").lower() for field in fields]
     return len(words) >= 6 and words == HEADER[: len(words)]
 
@@ -67,55 +88,43 @@ def _columns(path: Path, line: int, fields: list[bytes]) -> int:
     """How many numbers follow the ids, going by the first line; FormatError if it is not ours."""
     if len(fields) == len(SOLUTION_HEADER):
         found = "found 5 fields: this looks like a solution (id qx qy qz qw)"
-        raise FormatError(f"{found}, expected edges: {_EXPECTED}", path=path, line=line)
+        raise FormatError(f"{found}, expected edges: {EXPECTED}", path=path, line=line)
     if len(fields) not in (6, 7):
         found = f"found {len(fields)} fields, expected 6 or 7"
-        raise FormatError(f"{found}: {_EXPECTED}", path=path, line=line)
-    if not _is_header(fields) and not any(map(is_number, fields[2:])):
+        raise FormatError(f"{found}: {EXPECTED}", path=path, line=line)
+    if not is_header(fields) and not any(map(is_number, fields[2:])):
         found = " ".join(map(shown, fields))
-        raise FormatError(f"found the header {found}, expected {_EXPECTED}", path=path, line=line)
+        raise FormatError(f"found the header {found}, expected {EXPECTED}", path=path, line=line)
     return len(fields) - 2
 
 
-def _ids(path: Path, fields: list[bytes]) -> IdArray:
-    ids: IdArray
-    try:
-        integers = list(map(int, fields))
-        if b" ".join(fields) == " ".join(map(str, integers)).encode():
-            ids = np.array(integers, dtype=object)
-            return ids.reshape(-1, 2)
-    except ValueError:
-        pass
-    try:
-        ids = np.array([field.decode() for field in fields])
-    except UnicodeDecodeError as error:
-        raise FormatError(f"the names are not UTF-8: {error}", path=path) from None
-    return ids.reshape(-1, 2)
-
-
-def _write(path: Path, item: Writable, separator: str, header_line: bool) -> bytes:
+def write_rows(path: Path, item: Writable, separator: str, name: Callable[[str], str]) -> list[str]:
+    """Title, header and one line per edge or, of a solution, per node; `name` spells a name."""
     if isinstance(item, MeasurementGraph):
         title, header = "measurement graph", HEADER
         quaternions = quaternions_from_matrices(item.rotations)
         columns = np.column_stack([quaternions, item.weights])
-        ids = item.edges.tolist()
-        nodes = item.nodes
+        ids, nodes = item.edges, item.nodes
     else:
         title, header = "rotations", SOLUTION_HEADER
         columns = np.asarray(item.quaternions, dtype=np.float64)
-        ids = [[node] for node in item.graph.nodes.tolist()]
-        nodes = item.graph.nodes
-    if nodes.dtype.kind == "U":
-        for name in nodes.tolist():
-            if not name or _NOT_IN_A_NAME.search(name):
-                found = f"found a node of the name {name!r}"
-                raise FormatError(f"{found}, expected no blank, comma or # in it", path=path)
-    lines = [
-        f"# rotavg {title}, {_CONVENTION}",
-        ("" if header_line else "# ") + separator.join(header),
-    ]
-    lines += [separator.join([*map(str, row), *exactly(q)]) for row, q in zip(ids, columns)]
-    return ("\n".join(lines) + "\n").encode()
+        ids, nodes = item.graph.nodes[:, None], item.graph.nodes
+    spell = {node: name(str(node)) for node in nodes.tolist()}
+    lines = [f"# rotavg {title}, {_CONVENTION}", separator.join(header)]
+    for row, numbers in zip(ids.tolist(), columns):
+        lines.append(separator.join([*(spell[node] for node in row), *exactly(numbers)]))
+    return lines
+
+
+def write_text(path: Path, item: Writable) -> bytes:
+    """The content of a text file of a graph or a solution."""
+    title, header, *rows = write_rows(path, item, " ", lambda name: plain_name(path, name))
+    return "\n".join([title, f"# {header}", *rows, ""]).encode()
+
+
+def is_edge(fields: list[bytes]) -> bool:
+    """Whether these are the fields of an edge, or our header."""
+    return is_header(fields) or (len(fields) in (6, 7) and all(map(is_number, fields[2:])))
 
 
 def _looks_like_edges(head: bytes) -> bool:
@@ -123,15 +132,8 @@ def _looks_like_edges(head: bytes) -> bool:
     if b"\0" in head:
         return False
     for _, text in content_lines(Path(), head.replace(b",", b" ")):
-        fields = text.split()
-        return _is_header(fields) or (len(fields) in (6, 7) and all(map(is_number, fields[2:])))
+        return is_edge(text.split())
     return False
-
-
-def _has_commas(head: bytes) -> bool:
-    return _looks_like_edges(head) and any(
-        b"," in line.partition(b"#")[0] for line in head.splitlines()
-    )
 
 
 TEXT = Format(
@@ -139,12 +141,6 @@ TEXT = Format(
     suffixes=(".txt", ".text"),
     recognises=_looks_like_edges,
     read=read_text,
-    write=lambda path, item: _write(path, item, separator=" ", header_line=False),
-)
-CSV = Format(
-    name="csv",
-    suffixes=(".csv",),
-    recognises=_has_commas,
-    read=read_text,
-    write=lambda path, item: _write(path, item, separator=",", header_line=True),
+    write=write_text,
+    any_convention=True,
 )

@@ -78,8 +78,8 @@ def _not_certified(solution: Solution, certificate: Certificate) -> Statement:
             "Not certified: the measurements are too noisy for a proof of this kind.",
             (
                 *bound,
-                "The staircase met the optimum of the relaxation, which lies below these rotations: "
-                "no better ones were found, and none can be better than by this gap.",
+                "The staircase met the optimum of the relaxation, which lies below these "
+                "rotations: no better ones were found, and none can be better than by this gap.",
             ),
         )
     return Statement(

@@ -1,0 +1,74 @@
+"""pycolmap's PoseGraph: relative poses cam2_from_cam1 of pairs of image ids; vision family."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rotavg.conventions import convert_family
+from rotavg.errors import GraphError, require
+from rotavg.graph import MeasurementGraph
+from rotavg.ids import IdArray
+from rotavg.io.colmap_database import ColmapImages, pair_of
+
+
+def from_pose_graph(pose_graph: Any, *, unit_weights: bool = False) -> MeasurementGraph:
+    """The valid edges of a `pycolmap.PoseGraph`.
+
+    Nodes are image ids; an edge (i, j) has i < j and weighs its number of matches, or 1 where that
+    is not known (0) and with `unit_weights`. Edges are in the order of COLMAP's pair ids.
+
+    Raises:
+        GraphError: there is no such edge.
+    """
+    edges, quaternions, weights = [], [], []
+    for pair_id, edge in sorted(pose_graph.edges.items()):
+        if not edge.valid:
+            continue
+        edges.append(pair_of(int(pair_id)))
+        quaternions.append(edge.cam2_from_cam1.rotation.quat)
+        weights.append(1.0 if unit_weights else float(edge.num_matches or 1))
+    if not edges:
+        raise GraphError("the pose graph has no valid edge")
+    return MeasurementGraph.from_quaternions(edges, quaternions, weights, convention="vision")
+
+
+def to_pose_graph(graph: MeasurementGraph) -> Any:
+    """The same as a `pycolmap.PoseGraph`, without translations; weights as numbers of matches.
+
+    Node ids are image ids, or names that the graph brought along from a COLMAP database. Needs
+    pycolmap, the extra [colmap].
+
+    Raises:
+        GraphError: other names, ids that are no image ids, or two edges between the same images.
+        MissingExtraError: pycolmap is not installed.
+    """
+    pycolmap = require("pycolmap", "colmap")
+    ids = _image_ids(graph)
+    result = pycolmap.PoseGraph()
+    R = convert_family(graph.rotations, "vision")
+    for k, (i, j) in enumerate(graph.indices.tolist()):
+        first, second = int(ids[i]), int(ids[j])
+        if result.has_edge(first, second):
+            found = f"edge {k} is a second one between the images {first} and {second}"
+            raise GraphError(f"{found}: a pose graph of COLMAP has one at most", edge=k)
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(np.ascontiguousarray(R[k])), np.zeros(3))
+        count = max(1, round(float(graph.weights[k])))
+        # Where the first id is the larger one, pycolmap turns the edge round.
+        edge = pycolmap.PoseGraphEdge(cam2_from_cam1=pose, num_matches=count)
+        result.add_edge(first, second, edge)
+    return result
+
+
+def _image_ids(graph: MeasurementGraph) -> IdArray:
+    if isinstance(graph.source, ColmapImages):
+        known = graph.source.image_ids
+        return np.array([known[name] for name in graph.nodes.tolist()])
+    if graph.nodes.dtype.kind == "U":
+        found = f"nodes have names such as {graph.nodes[0].item()!r}"
+        raise GraphError(f"{found}, expected the image ids of a COLMAP database")
+    low, high = graph.nodes.min().item(), graph.nodes.max().item()
+    if low < 0 or high >= 2**31 - 1:
+        raise GraphError(f"nodes run from {low} to {high}, expected image ids below 2^31 - 1")
+    return graph.nodes

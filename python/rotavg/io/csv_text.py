@@ -1,0 +1,81 @@
+"""CSV: text with commas, and quotes around names that need them; pose family if not told otherwise.
+
+The columns are those of `text`. A name with a blank, a comma, a quote or # in it stands between
+double quotes, where "" is a quote (RFC 4180). Lines that begin with # are comments.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from rotavg.errors import FormatError
+from rotavg.graph import MeasurementGraph
+from rotavg.io.lines import BYTE_ORDER_MARK, content_lines
+from rotavg.io.registry import Format, ReadOptions, Writable
+from rotavg.io.text import is_edge, read_rows, read_text, write_rows
+
+_NEEDS_QUOTES = re.compile(r'[\s,#"]')
+
+
+def read_csv(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
+    """Read edges from a CSV file."""
+    if b'"' not in data:
+        return read_text(path, data, options)
+    for _ in content_lines(path, data):  # refuses what is binary
+        break
+    return read_rows(path, _rows(path, data), options)
+
+
+def write_csv(path: Path, item: Writable) -> bytes:
+    """The content of a CSV file of a graph or a solution."""
+    return "\n".join([*write_rows(path, item, ",", lambda name: _quoted(path, name)), ""]).encode()
+
+
+def _rows(path: Path, data: bytes) -> Iterator[tuple[int, list[bytes]]]:
+    """(line number, fields) of every line that is neither blank nor a comment."""
+    try:
+        text = data.removeprefix(BYTE_ORDER_MARK).decode()
+    except UnicodeDecodeError as error:
+        raise FormatError(f"the names are not UTF-8: {error}", path=path) from None
+    lines = text.splitlines()
+    # Comments become blank lines, so that the reader counts them.
+    content = ["" if line.lstrip().startswith("#") else line for line in lines]
+    reader = csv.reader(content, skipinitialspace=True, strict=True)
+    try:
+        for fields in reader:
+            if any(fields):
+                yield reader.line_num, [field.encode() for field in fields]
+    except csv.Error as error:
+        found = f"found no CSV: {error}"
+        raise FormatError(found, path=path, line=max(1, reader.line_num)) from None
+
+
+def _quoted(path: Path, name: str) -> str:
+    if not name or len(name.splitlines()) > 1 or name.strip("\r\n") != name:
+        found = f"found a node of the name {name!r}"
+        raise FormatError(f"{found}, expected one line of text", path=path)
+    return '"' + name.replace('"', '""') + '"' if _NEEDS_QUOTES.search(name) else name
+
+
+def _looks_like_csv(head: bytes) -> bool:
+    if b"\0" in head:
+        return False
+    try:
+        for _, fields in _rows(Path(), head[: head.rfind(b"\n") + 1] or head):
+            return len(fields) > 1 and is_edge(fields)
+    except FormatError:
+        pass
+    return False
+
+
+CSV = Format(
+    name="csv",
+    suffixes=(".csv",),
+    recognises=_looks_like_csv,
+    read=read_csv,
+    write=write_csv,
+    any_convention=True,
+)

@@ -1,0 +1,138 @@
+"""GLOMAP's texts for its rotation averager: vision family, quaternions wxyz.
+
+    *relpose.txt    NAME1 NAME2 qw qx qy qz tx ty tz     x2 = R x1 + t
+    *weight.txt     NAME1 NAME2 weight                   beside it, if there are weights
+    NAME qw qx qy qz                                     what a solution is written as
+
+The weights of X_relpose.txt are looked for in X_weight.txt; a pair that is not there weighs 1. The
+directions t have no scale and are not read; written are zeros.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg.conventions import convert_family, quaternions_from_matrices, wxyz_from_xyzw
+from rotavg.errors import FileAccessError, FormatError
+from rotavg.graph import MeasurementGraph
+from rotavg.ids import IdArray
+from rotavg.io.lines import (
+    check_finite,
+    content_lines,
+    exactly,
+    ids_of,
+    is_number,
+    number_table,
+    plain_name,
+)
+from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
+
+_EXPECTED = "expected NAME1 NAME2 qw qx qy qz tx ty tz"
+
+
+def read_glomap(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
+    """Read relative poses, and the weights beside them."""
+    names, table, lines = _pairs(path, data, 7, _EXPECTED)
+    if not lines:
+        raise FormatError(f"the file has no relative poses, {_EXPECTED}", path=path)
+    ids = ids_of(path, names).reshape(-1, 2)
+    weights: NDArray[np.float64] | None = None
+    notes: tuple[str, ...] = ()
+    if not options.unit_weights:
+        weights, notes = _weights(_weight_file(path), ids)
+    with blame_line(path, lines):
+        return MeasurementGraph.from_quaternions(
+            ids,
+            table[:, :4],
+            weights,
+            order="wxyz",
+            convention=options.convention,
+            notes=notes,
+        )
+
+
+def write_glomap(path: Path, item: Writable) -> bytes | dict[Path, bytes]:
+    """Relative poses of a graph, and the file of its weights; or the rotations of a solution."""
+    graph = item if isinstance(item, MeasurementGraph) else item.graph
+    spell = {node: plain_name(path, str(node)) for node in graph.nodes.tolist()}
+    R = convert_family(np.asarray(item.rotations), GLOMAP.convention)
+    rows = [" ".join(exactly(q)) for q in wxyz_from_xyzw(quaternions_from_matrices(R))]
+    if not isinstance(item, MeasurementGraph):
+        lines = [f"{name} {row}" for name, row in zip(spell.values(), rows)]
+        return "\n".join([*lines, ""]).encode()
+    pairs = [f"{spell[i]} {spell[j]}" for i, j in graph.edges.tolist()]
+    poses = [f"{pair} {row} 0 0 0" for pair, row in zip(pairs, rows)]
+    content = "\n".join([*poses, ""]).encode()
+    if (graph.weights == 1).all():
+        return content
+    weights = [f"{pair} {w!r}" for pair, w in zip(pairs, graph.weights.tolist())]
+    return {path: content, _weight_file(path): "\n".join([*weights, ""]).encode()}
+
+
+def _weight_file(path: Path) -> Path:
+    stem, found = re.subn("relpose", "weight", path.stem)
+    return path.with_name((stem if found else path.stem + "_weight") + ".txt")
+
+
+def _weights(file: Path, edges: IdArray) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
+    """Weight (m,) of every edge, None where there is no file, and what the user should know."""
+    if not file.exists():
+        return None, (f"every pair weighs 1: there is no {file.name} beside the file",)
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise FileAccessError(f"cannot be read: {reason}", path=file) from error
+    names, table, _ = _pairs(file, data, 1, "expected NAME1 NAME2 weight")
+    known: dict[frozenset[str], float] = {}
+    fields = [name.decode(errors="replace") for name in names]
+    for i, j, weight in zip(fields[::2], fields[1::2], table[:, 0].tolist()):
+        known[frozenset((i, j))] = weight
+    found = [known.get(frozenset(map(str, edge))) for edge in edges.tolist()]
+    missing = found.count(None)
+    note = (f"{missing} pairs that are not in {file.name} weigh 1",) if missing else ()
+    weights = np.array([1.0 if weight is None else weight for weight in found])
+    return weights, (f"weights from {file.name}", *note)
+
+
+def _pairs(
+    path: Path, data: bytes, columns: int, expected: str
+) -> tuple[list[bytes], NDArray[np.float64], list[int]]:
+    """The names (2 m) and numbers (m, columns) of lines `NAME1 NAME2 numbers`, and the lines."""
+    names: list[bytes] = []
+    rows: list[bytes] = []
+    lines: list[int] = []
+    for line, text in content_lines(path, data):
+        fields = text.split(None, 2)
+        if len(fields) < 3:
+            found = f"found {len(fields)} fields"
+            raise FormatError(f"{found}, {expected}", path=path, line=line)
+        names += fields[:2]
+        rows.append(fields[2])
+        lines.append(line)
+    table = number_table(path, rows, lines, columns) if lines else np.empty((0, columns))
+    check_finite(path, table, lines)
+    return names, table, lines
+
+
+def _looks_like_poses(head: bytes) -> bool:
+    if b"\0" in head:
+        return False
+    for _, text in content_lines(Path(), head):
+        fields = text.split()
+        return len(fields) == 9 and all(map(is_number, fields[2:]))
+    return False
+
+
+GLOMAP = Format(
+    name="glomap",
+    suffixes=("*relpose.txt", "*glomap_rotations.txt"),
+    recognises=_looks_like_poses,
+    read=read_glomap,
+    write=write_glomap,
+    convention="vision",
+)

@@ -1,0 +1,103 @@
+"""Text of iRotAvg and RCD (Parra et al. 2019, 2021): vision family, quaternions wxyz.
+
+    m n f
+    i j  qw qx qy qz       m lines, i < j: R_ij = R_j R_i^T
+    qw qx qy qz            at least f lines: absolute rotations, of which the first f are fixed
+
+Their programs replace ids by their rank. Absolute rotations in a graph's file are not read; a
+solution is written as n lines qw qx qy qz, R_i = camera_from_world, in the order of the nodes.
+There is no place for weights.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from rotavg.conventions import (
+    convert_family,
+    quaternions_from_matrices,
+    wxyz_from_xyzw,
+)
+from rotavg.errors import FormatError
+from rotavg.graph import MeasurementGraph
+from rotavg.io.lines import check_finite, content_lines, exactly, number_table, shown
+from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
+
+
+def read_irotavg(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
+    """Read the relative rotations."""
+    content = content_lines(path, data)
+    line, header = next(content, (1, b""))
+    try:
+        m, _, _ = map(int, header.split())
+    except ValueError:
+        found = f"found {shown(header.strip())}, expected three integers m n f"
+        raise FormatError(found, path=path, line=line) from None
+    ids: list[int] = []
+    rows: list[bytes] = []
+    lines: list[int] = []
+    further = 0
+    for line, text in content:
+        if len(rows) == m:
+            further += 1
+            continue
+        fields = text.split(None, 2)
+        if len(fields) < 3 or not all(field.lstrip(b"-").isdigit() for field in fields[:2]):
+            found = f"found {shown(text.strip())}"
+            raise FormatError(f"{found}, expected i j qw qx qy qz", path=path, line=line)
+        ids += map(int, fields[:2])
+        rows.append(fields[2])
+        lines.append(line)
+    if len(rows) < m or m < 1:
+        raise FormatError(f"found {len(rows)} relative rotations, expected m = {m}", path=path)
+    table = number_table(path, rows, lines, 4)
+    check_finite(path, table, lines)
+    with blame_line(path, lines):
+        return MeasurementGraph.from_quaternions(
+            np.array(ids, dtype=object).reshape(-1, 2),
+            table,
+            order="wxyz",
+            convention=options.convention,
+            notes=(f"{further} absolute rotations not read",) if further else (),
+        )
+
+
+def write_irotavg(path: Path, item: Writable) -> bytes:
+    """The content of a file of a graph (edges with i > j turned round), or of a solution."""
+    if not isinstance(item, MeasurementGraph):
+        R = convert_family(np.asarray(item.rotations), IROTAVG.convention)
+        q = wxyz_from_xyzw(quaternions_from_matrices(R))
+        return "\n".join([*(" ".join(exactly(row)) for row in q), ""]).encode()
+    if item.nodes.dtype.kind == "U":
+        found = f"nodes have names such as {item.nodes[0].item()!r}"
+        raise FormatError(f"{found}, expected integers: iRotAvg knows no names", path=path)
+    edges = item.edges.copy()
+    turn = edges[:, 0] > edges[:, 1]
+    edges[turn] = edges[turn][:, ::-1]
+    R = np.where(turn[:, None, None], np.swapaxes(item.rotations, 1, 2), item.rotations)
+    q = wxyz_from_xyzw(quaternions_from_matrices(convert_family(R, IROTAVG.convention)))
+    lines = [f"{item.num_edges} {len(np.unique(edges))} 0"]
+    lines += [" ".join([str(i), str(j), *exactly(row)]) for (i, j), row in zip(edges.tolist(), q)]
+    return "\n".join([*lines, ""]).encode()
+
+
+def _looks_like_ours(head: bytes) -> bool:
+    if b"\0" in head:
+        return False
+    content = content_lines(Path(), head)
+    sizes = next(content, (0, b""))[1].split()
+    edge = next(content, (0, b""))[1].split()
+    return len(sizes) == 3 and all(field.isdigit() for field in sizes) and len(edge) == 6
+
+
+IROTAVG = Format(
+    name="irotavg",
+    suffixes=(".irotavg", ".rcd"),
+    recognises=_looks_like_ours,
+    read=read_irotavg,
+    write=write_irotavg,
+    convention="vision",
+    has_weights=False,
+)

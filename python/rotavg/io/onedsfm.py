@@ -1,0 +1,141 @@
+"""1DSfM data sets (Wilson and Snavely 2014): a folder with EGs.txt, cc.txt and list.txt.
+
+    EGs.txt   i j  R11 R12 ... R33  t1 t2 t3
+    cc.txt    one id per line: the largest component; edges of other nodes are left out
+    list.txt  one image per line, its name first; ids are line numbers from 0
+
+The published R_ij is R_i R_j^T for R_i = camera_from_world, which is i_from_j: pose family. Nodes
+have the names in list.txt, or their ids where it is missing. There is no place for weights.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg.errors import FileAccessError, FormatError
+from rotavg.graph import MeasurementGraph
+from rotavg.ids import IdArray
+from rotavg.io.lines import check_finite, content_lines, exactly, number_table, plain_name, shown
+from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
+
+_EXPECTED = "expected i j, 9 numbers of R, 3 of t"
+
+
+def read_onedsfm(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
+    """Read EGs.txt and what there is of the two files beside it."""
+    ids: list[int] = []
+    rows: list[bytes] = []
+    lines: list[int] = []
+    for line, text in content_lines(path, data):
+        fields = text.split(None, 2)
+        try:
+            ids += map(int, fields[:2])
+        except ValueError:
+            found = " ".join(map(shown, fields[:2]))
+            raise FormatError(f"found {found} for i j, {_EXPECTED}", path=path, line=line) from None
+        if len(fields) < 3:
+            raise FormatError(f"the line is truncated, {_EXPECTED}", path=path, line=line)
+        rows.append(fields[2])
+        lines.append(line)
+    table = number_table(path, rows, lines, 12)
+    check_finite(path, table, lines)
+    edges = np.array(ids, dtype=object).reshape(-1, 2)
+    kept, notes = _component(path, edges)
+    edges, table = edges[kept], table[kept]
+    with blame_line(path, np.array(lines)[kept].tolist()):
+        return MeasurementGraph(
+            _named(path, edges),
+            table[:, :9].reshape(-1, 3, 3),
+            convention=options.convention,
+            notes=notes,
+        )
+
+
+def write_onedsfm(path: Path, item: Writable) -> dict[Path, bytes]:
+    """The three files of a graph; list.txt only where nodes have names."""
+    assert isinstance(item, MeasurementGraph)
+    graph = item
+    named = graph.nodes.dtype.kind == "U"
+    ids = graph.indices if named else graph.edges
+    lines = [
+        " ".join([str(i), str(j), *exactly(R.ravel()), "0 0 0"])
+        for (i, j), R in zip(ids.tolist(), graph.rotations)
+    ]
+    nodes = range(graph.num_nodes) if named else graph.nodes.tolist()
+    files = {path: lines, path.with_name("cc.txt"): [str(node) for node in nodes]}
+    if named:
+        files[path.with_name("list.txt")] = [
+            plain_name(path, name) for name in graph.nodes.tolist()
+        ]
+    return {file: "\n".join([*content, ""]).encode() for file, content in files.items()}
+
+
+def _beside(path: Path, name: str) -> list[tuple[int, bytes]] | None:
+    """(line number, content) of a file beside EGs.txt; None if it is not there."""
+    file = path.with_name(name)
+    try:
+        return list(content_lines(file, file.read_bytes())) if file.exists() else None
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise FileAccessError(f"cannot be read: {reason}", path=file) from error
+
+
+def _component(path: Path, edges: IdArray) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    """Which edges (m,) cc.txt keeps, and a note if some go."""
+    lines = _beside(path, "cc.txt")
+    kept = np.ones(len(edges), dtype=np.bool_)
+    if lines is None:
+        return kept, ()
+    component = set()
+    for line, text in lines:
+        try:
+            component.add(int(text))
+        except ValueError:
+            found = f"found {shown(text.strip())}, expected an id"
+            raise FormatError(found, path=path.with_name("cc.txt"), line=line) from None
+    kept = np.array([i in component and j in component for i, j in edges.tolist()])
+    if not kept.any():
+        raise FormatError("cc.txt keeps none of the edges", path=path)
+    left = len(kept) - int(np.count_nonzero(kept))
+    return kept, (f"{left} edges outside the component in cc.txt left out",) if left else ()
+
+
+def _named(path: Path, edges: IdArray) -> IdArray:
+    lines = _beside(path, "list.txt")
+    if lines is None:
+        return edges
+    names = [text.split()[0].decode(errors="replace") for _, text in lines]
+    low, high = edges.min(), edges.max()
+    if low < 0 or high >= len(names):
+        found = f"found the node {low if low < 0 else high}"
+        raise FormatError(
+            f"{found}, expected ids 0 to {len(names) - 1}: list.txt has {len(names)} images",
+            path=path,
+        )
+    if len(set(names)) < len(names):
+        return edges
+    return np.array(names)[edges.astype(np.int64)]
+
+
+def _looks_like_edges(head: bytes) -> bool:
+    if b"\0" in head:
+        return False
+    for _, text in content_lines(Path(), head):
+        fields = text.split()
+        return len(fields) == 14 and all(field.isdigit() for field in fields[:2])
+    return False
+
+
+ONEDSFM = Format(
+    name="1dsfm",
+    suffixes=("egs.txt",),
+    recognises=_looks_like_edges,
+    read=read_onedsfm,
+    write=write_onedsfm,
+    has_solutions=False,
+    has_weights=False,
+    main_file="EGs.txt",
+)

@@ -1,0 +1,126 @@
+"""Where the nodes are, once it is known how they are turned: a linear least-squares problem."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotavg.arrays import as_floats
+from rotavg.errors import GraphError, SolverError, require
+from rotavg.graph import MeasurementGraph
+
+
+def positions(
+    graph: MeasurementGraph,
+    rotations: ArrayLike,
+    *,
+    fixed: Mapping[int, ArrayLike] | None = None,
+) -> NDArray[np.float64]:
+    """Positions of the nodes, given their rotations, by one sparse linear solve.
+
+    They minimise sum over the edges of r^T Omega r with r = R_ij^T (R_i^T (p_j - p_i) - t_ij), the
+    translational part of chi^2 as g2o has it (Kuemmerle et al. 2011), for the given R. Needs SciPy.
+
+    Args:
+        graph: one that has `translations`.
+        rotations: (n, 3, 3) world_from_node, rows as in `graph.nodes`.
+        fixed: positions (3,) that are known, by row of `graph.nodes`. In a component without any,
+            the first node is at the origin.
+
+    Returns:
+        (n, 3) in the world that `rotations` lead to.
+
+    Raises:
+        GraphError: the graph has no translations, or these are not n rotations.
+        MissingExtraError: SciPy is not installed.
+        SolverError: the numbers are too large or too far apart.
+    """
+    measured = graph.translations
+    if measured is None:
+        raise GraphError("the graph has no relative translations, so its nodes have no positions")
+    n = graph.num_nodes
+    R = as_floats(rotations, (n, 3, 3), "rotations")
+    result, known = _known(graph, fixed or {})
+    i, j = graph.indices.T
+    steps = np.einsum("mab,mb->ma", R[i], measured.vectors)
+
+    # Where all information is a multiple of the identity, x, y and z part: the scalar Laplacian
+    # of the graph, and three right-hand sides. Otherwise every edge weighs with a 3 x 3 block.
+    omega = measured.information
+    weights = omega[:, :1, :1]
+    if (omega == weights * np.eye(3)).all():
+        steps = steps[:, None, :]
+    else:
+        world_from_j = R[i] @ graph.rotations
+        weights = world_from_j @ omega @ np.swapaxes(world_from_j, 1, 2)
+        steps = steps[:, :, None]
+    weights = weights / np.abs(weights).max()
+    with np.errstate(over="ignore", invalid="ignore"):
+        result[~known] = _least_squares(n, i, j, weights, steps, result, known)
+    if not np.isfinite(result).all():
+        raise SolverError("the positions cannot be solved for: the translations' numbers overflow")
+    return result
+
+
+def _known(
+    graph: MeasurementGraph, fixed: Mapping[int, ArrayLike]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Positions (n, 3), zero but where they are known, and which nodes (n,) these are."""
+    result = np.zeros((graph.num_nodes, 3))
+    known = np.zeros(graph.num_nodes, dtype=np.bool_)
+    for row, position in fixed.items():
+        result[row] = as_floats(position, (3,), f"position of row {row}")
+        known[row] = True
+    label = graph.components()
+    first = np.unique(label, return_index=True)[1]
+    anchored = np.zeros(len(first), dtype=np.bool_)
+    anchored[label[known]] = True
+    known[first[~anchored]] = True
+    return result, known
+
+
+def _least_squares(
+    n: int,
+    i: NDArray[np.int32],
+    j: NDArray[np.int32],
+    weights: NDArray[np.float64],
+    steps: NDArray[np.float64],
+    start: NDArray[np.float64],
+    known: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """The unknown positions (u, 3) that minimise sum (p_j - p_i - step)^T W (p_j - p_i - step).
+
+    `weights` (m, d, d) and `steps` (m, d, 3 / d): d = 3, or d = 1 for three problems at once.
+    """
+    sparse = require("scipy.sparse", "scipy")
+    linalg = require("scipy.sparse.linalg", "scipy")
+    d = weights.shape[1]
+    unknown = np.flatnonzero(np.repeat(~known, d))
+    if unknown.size == 0:
+        return np.empty((0, 3))
+
+    # The normal matrix has W on the diagonal at i and j, and -W at (i, j) and (j, i).
+    offset = np.arange(d)
+    rows = np.concatenate([i, j, i, j])[:, None, None] * d + offset[:, None] + 0 * offset
+    columns = np.concatenate([i, j, j, i])[:, None, None] * d + offset + 0 * offset[:, None]
+    values = np.concatenate([weights, weights, -weights, -weights])
+    normal = sparse.csc_matrix(
+        (values.ravel(), (rows.ravel(), columns.ravel())), shape=(n * d, n * d)
+    )
+    right = np.zeros((n, d, 3 // d))
+    np.add.at(right, j, weights @ steps)
+    np.subtract.at(right, i, weights @ steps)
+    flat = right.reshape(n * d, 3 // d) - normal @ start.reshape(n * d, 3 // d)
+    try:
+        factor = linalg.splu(
+            normal[unknown][:, unknown],
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError as error:  # exactly singular: weights too far apart
+        raise SolverError(f"the positions cannot be solved for: {error}") from error
+    solved: NDArray[np.float64] = factor.solve(flat[unknown])
+    return solved.reshape(-1, 3)

@@ -1,0 +1,91 @@
+"""The examples run, and say what they should."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import rotavg
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+def run(name: str, *arguments: str, cwd: Path) -> str:
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_arrays_in_ten_lines(tmp_path: Path) -> None:
+    lines = run("ten_lines.py", cwd=tmp_path).splitlines()
+    assert lines[-1] == "proved"
+    angles = [float(line.split()[1]) for line in lines[:4]]
+    assert angles[0] == 0
+    np.testing.assert_allclose(np.abs(angles[1:]), [90, 180, 90], atol=1.5)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_slam_with_g2o(tmp_path: Path) -> None:
+    pytest.importorskip("scipy", reason="scipy is not installed")
+    out = run("slam_g2o.py", cwd=tmp_path)
+    assert "proved globally optimal" in out
+    solved = rotavg.read(tmp_path / "solved.g2o")
+    rows = [line.split()[1:] for line in (tmp_path / "solved.g2o").read_text().splitlines()[:400]]
+    found = np.array(rows, dtype=float)[:, 1:4]
+    # All poses fit together: a sphere of radius 10, wherever it is.
+    centre = np.linalg.lstsq(
+        np.column_stack([2 * found, np.ones(400)]), (found**2).sum(axis=1), rcond=None
+    )[0][:3]
+    np.testing.assert_allclose(np.linalg.norm(found - centre, axis=1), 10, atol=1)
+    assert solved.num_edges == rotavg.read(tmp_path / "sphere.g2o").num_edges
+    again = run("slam_g2o.py", "sphere.g2o", "other.g2o", cwd=tmp_path)
+    assert "wrote other.g2o" in again
+    assert (tmp_path / "other.g2o").read_bytes() == (tmp_path / "solved.g2o").read_bytes()
+
+
+def test_what_the_page_on_partners_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gtsam = pytest.importorskip("gtsam", reason="gtsam is not installed")
+    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is not installed")
+    networkx = pytest.importorskip("networkx", reason="networkx is not installed")
+    page = (EXAMPLES.parent / "docs" / "partners.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    assert len(blocks) == 3
+    monkeypatch.chdir(tmp_path)
+    pycolmap.logging.minloglevel = 3
+    options = pycolmap.SyntheticDatasetOptions(two_view_geometry_has_relative_pose=True)
+    db = pycolmap.Database.open("database.db")
+    reconstruction = pycolmap.synthesize_dataset(options, db)
+    cache = pycolmap.DatabaseCache.create(db, pycolmap.DatabaseCacheOptions())
+    pose_graph = pycolmap.PoseGraph()
+    pose_graph.load(cache.correspondence_graph)
+    db.close()
+    factors = gtsam.NonlinearFactorGraph()
+    noise = gtsam.noiseModel.Isotropic.Sigma(6, 0.1)
+    factors.add(gtsam.BetweenFactorPose3(0, 1, gtsam.Pose3(), noise))
+    digraph = networkx.DiGraph()
+    digraph.add_edge("a", "b", rotation=np.eye(3))
+    names = {
+        "rotavg": rotavg,
+        "factors": factors,
+        "options": pycolmap.RotationEstimatorOptions(),
+        "reconstruction": reconstruction,
+        "pose_graph": pose_graph,
+        "pose_priors": [],
+        "digraph": digraph,
+        "edges": [("a", "b")],
+        "rotations": Rotation.identity(1),
+    }
+    for block in blocks:
+        exec(block, dict(names))

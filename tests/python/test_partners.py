@@ -1,0 +1,197 @@
+"""GTSAM, NetworkX and SciPy: their objects and ours, on graphs where a wrong transpose shows."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rotavg
+from rotavg.errors import GraphError, MissingExtraError
+from rotavg.graph import MeasurementGraph
+from rotavg.partners.gtsam import from_gtsam, to_gtsam
+from shared_data import shared_data
+from test_positions import pose_graph
+
+WITHOUT = "gtsam is not installed: pip install rotavg[gtsam]"
+
+
+def turns(seed: int = 1) -> MeasurementGraph:
+    graph = rotavg.simulate("erdos_renyi", 25, density=0.3, seed=seed).graph
+    return graph.with_weights(np.random.default_rng(seed).uniform(1e-2, 1e2, graph.num_edges))
+
+
+def test_gtsam_rotations_there_and_back() -> None:
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    graph = turns()
+    factors = to_gtsam(graph)
+    assert type(factors.at(0)) is gtsam.BetweenFactorRot3
+    # Its own measure of how badly our solution fits: zero, as there is no noise.
+    assert factors.error(to_gtsam(rotavg.solve(graph))) < 1e-20
+    again = from_gtsam(factors)
+    np.testing.assert_array_equal(again.edges, graph.edges)
+    np.testing.assert_allclose(again.rotations, graph.rotations, atol=1e-15)
+    np.testing.assert_allclose(again.weights, graph.weights, rtol=1e-12)
+
+
+@pytest.mark.parametrize("isotropic", [False, True])
+def test_gtsam_poses_there_and_back(isotropic: bool) -> None:
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    graph, R, p = pose_graph(20, seed=3, isotropic=isotropic)
+    factors = to_gtsam(graph)
+    assert type(factors.at(0)) is gtsam.BetweenFactorPose3
+    assert factors.error(to_gtsam(rotavg.solve(graph))) < 1e-18
+    truth = gtsam.Values()
+    for k in range(20):
+        truth.insert(k, gtsam.Pose3(gtsam.Rot3(R[k]), p[k]))
+    assert factors.error(truth) < 1e-18
+    factors.add(gtsam.PriorFactorPose3(0, gtsam.Pose3(), gtsam.noiseModel.Unit.Create(6)))
+    again = from_gtsam(factors)
+    assert again.notes == ("1 factors that are no between factors skipped",)
+    np.testing.assert_allclose(again.translations.vectors, graph.translations.vectors)
+    np.testing.assert_allclose(
+        again.translations.information, graph.translations.information, rtol=1e-9, atol=1e-12
+    )
+
+
+def test_gtsam_counts_small_errors_as_the_weights_say() -> None:
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    # 2 error = theta^T (2 w I) theta for Rot3, and w |R_i R_ij - R_j|_F^2 = 2 w theta^2 nearly.
+    graph = MeasurementGraph.from_rotvecs([[0, 1]], [[1e-4, 0, 0]], weights=[7])
+    values = gtsam.Values()
+    values.insert(0, gtsam.Rot3())
+    values.insert(1, gtsam.Rot3())
+    f = rotavg.objective(graph, [np.eye(3)] * 2)
+    assert 2 * to_gtsam(graph).error(values) == pytest.approx(f, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["g2o", "toro"])
+def test_gtsam_reads_what_we_write(name: str, tmp_path: Path) -> None:
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    graph, _, _ = pose_graph(20, seed=4)
+    path = tmp_path / ("a.g2o" if name == "g2o" else "a.graph")
+    rotavg.write(path, rotavg.solve(graph))
+    factors, values = gtsam.load3D(str(path))
+    assert (factors.size(), values.size()) == (graph.num_edges, 20)
+    # It takes TORO's information for rotation first; without noise that makes no difference.
+    assert factors.error(values) < 1e-16
+    for k, (i, j) in enumerate(graph.edges.tolist()):
+        assert list(factors.at(k).keys()) == [i, j]
+        R = factors.at(k).measured().rotation().matrix()
+        np.testing.assert_allclose(R, graph.rotations[k], atol=1e-14)
+    if name == "g2o":
+        again = from_gtsam(factors)
+        np.testing.assert_allclose(again.weights, graph.weights, rtol=1e-9)
+        np.testing.assert_allclose(
+            again.translations.information, graph.translations.information, rtol=1e-9, atol=1e-12
+        )
+
+
+def test_we_read_what_gtsam_writes(tmp_path: Path) -> None:
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    graph, _, _ = pose_graph(20, seed=5)
+    factors, values = to_gtsam(graph), to_gtsam(rotavg.solve(graph))
+    gtsam.writeG2o(factors, values, str(tmp_path / "theirs.g2o"))
+    again = rotavg.read(tmp_path / "theirs.g2o")
+    np.testing.assert_array_equal(again.edges, graph.edges)
+    np.testing.assert_allclose(again.rotations, graph.rotations, atol=1e-5)  # six digits
+    np.testing.assert_allclose(again.weights, graph.weights, rtol=1e-5)
+
+
+def test_gtsam_reads_the_plane(tmp_path: Path) -> None:
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    angles = np.array([0.0, 1.0, 2.5])
+    lines = [
+        f"EDGE_SE2 {i} {j} 0 0 {angles[j] - angles[i]} 1 0 0 1 0 4" for i, j in ((0, 1), (1, 2))
+    ]
+    (tmp_path / "in.g2o").write_text("\n".join(lines) + "\n")
+    rotavg.write(tmp_path / "out.g2o", rotavg.solve(rotavg.read(tmp_path / "in.g2o")))
+    _, values = gtsam.readG2o(str(tmp_path / "out.g2o"), False)
+    assert values.atPose2(2).theta() == pytest.approx(2.5)
+
+
+def test_gtsam_agrees_on_the_positional_chi2() -> None:
+    """On real data, positions are where GTSAM finds no better ones for the same rotations."""
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    path = shared_data("g2o/smallGrid3D.g2o")
+    factors, _ = gtsam.readG2o(str(path), True)
+    values = to_gtsam(rotavg.solve(rotavg.read(path)))
+    best = factors.error(values)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        moved = gtsam.Values(values)
+        for k in range(values.size()):
+            pose = values.atPose3(k)
+            where = pose.translation() + 1e-3 * rng.normal(size=3)
+            moved.update(k, gtsam.Pose3(pose.rotation(), where))
+        assert factors.error(moved) > best
+
+
+def test_bad_gtsam_input(monkeypatch: pytest.MonkeyPatch) -> None:
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    with pytest.raises(GraphError, match="found the node 'a', expected integers >= 0"):
+        to_gtsam(MeasurementGraph([["a", "b"]], [np.eye(3)]))
+    with pytest.raises(GraphError, match="found the node -1, expected integers >= 0"):
+        to_gtsam(MeasurementGraph([[-1, 2]], [np.eye(3)]))
+    with pytest.raises(GraphError, match="0 BetweenFactorPose3 and 0 BetweenFactorRot3"):
+        from_gtsam(gtsam.NonlinearFactorGraph())
+    factors = gtsam.NonlinearFactorGraph()
+    fixed = gtsam.noiseModel.Constrained.All(3)
+    factors.add(gtsam.BetweenFactorRot3(0, 1, gtsam.Rot3(), fixed))
+    with pytest.raises(GraphError, match="between factor 0 has a noise model without finite"):
+        from_gtsam(factors)
+    monkeypatch.setitem(sys.modules, "gtsam", None)
+    with pytest.raises(MissingExtraError, match=r'pip install "rotavg\[gtsam\]"'):
+        to_gtsam(turns())
+
+
+def test_robust_noise_counts_as_the_gaussian_inside_it() -> None:
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    inside = gtsam.noiseModel.Isotropic.Sigma(3, 0.1)
+    huber = gtsam.noiseModel.mEstimator.Huber.Create(1.0)
+    noise = gtsam.noiseModel.Robust.Create(huber, inside)
+    factors = gtsam.NonlinearFactorGraph()
+    factors.add(gtsam.BetweenFactorRot3(0, 1, gtsam.Rot3(), noise))
+    assert from_gtsam(factors).weights == pytest.approx([50])
+
+
+def test_the_table_of_pose_graphs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("gtsam", reason=WITHOUT)
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    from benchmarks import pose_graphs
+
+    path = shared_data("g2o/smallGrid3D.g2o")
+    monkeypatch.setattr(sys, "argv", ["pose_graphs", str(path), "--out", str(tmp_path)])
+    pose_graphs.main()
+    cells = capsys.readouterr().out.splitlines()[-1].split(" | ")
+    chi2 = [float(cell.split(",")[0].strip("| ")) for cell in cells[2:]]
+    given, ours, chordal, *ends = chi2
+    assert ours < chordal < given
+    assert ends == pytest.approx([ends[0]] * 4, rel=1e-5)
+    assert ends[0] < ours
+    assert (tmp_path / "pose_graphs.png").stat().st_size > 1000
+
+
+def test_networkx_there_and_back() -> None:
+    pytest.importorskip("networkx", reason="networkx is not installed")
+    graph = turns()
+    parallel = MeasurementGraph(
+        np.concatenate([graph.edges, graph.edges[:3]]),
+        np.concatenate([graph.rotations, graph.rotations[3:6]]),
+        nodes=[*range(24, -1, -1), 99],
+    )
+    again = MeasurementGraph.from_networkx(parallel.to_networkx())
+    np.testing.assert_array_equal(again.nodes, parallel.nodes)
+    found = sorted(zip(again.edges.tolist(), again.rotations.tolist()))
+    assert found == sorted(zip(parallel.edges.tolist(), parallel.rotations.tolist()))
+
+
+def test_scipy_there_and_back() -> None:
+    pytest.importorskip("scipy", reason="scipy is not installed")
+    graph = turns()
+    again = MeasurementGraph.from_scipy(graph.edges, graph.to_scipy(), graph.weights)
+    np.testing.assert_allclose(again.rotations, graph.rotations, atol=1e-15)
