@@ -7,7 +7,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
 from rotavg.arrays import as_floats
+from rotavg.errors import MissingExtraError, SolverError
 from rotavg.graph import MeasurementGraph
+from rotavg.io.positions import positions as positions_in_file
+from rotavg.positions import positions
 
 _ROUNDING_DEG = 1e-9  # residuals below this are zero to the eye: no colours for rounding
 
@@ -16,6 +19,27 @@ def residuals_deg(graph: MeasurementGraph, rotations: ArrayLike) -> NDArray[np.f
     """Angle (m,) between R_i R_ij and R_j of every edge, degrees, at rotations (n, 3, 3)."""
     R = as_floats(rotations, (graph.num_nodes, 3, 3), "rotations")
     return np.degrees(_core.residual_angles(graph._core, R))
+
+
+def positions_of(
+    graph: MeasurementGraph, rotations: ArrayLike
+) -> tuple[NDArray[np.float64], str] | None:
+    """Positions (n, 3) to draw poses at, and a sentence that says where they come from.
+
+    Those that fit the relative translations best, given the rotations; without translations (or
+    SciPy) those of the file that the graph was read from; None where there are none, either.
+    """
+    if graph.translations is not None:
+        try:
+            return positions(graph, rotations), (
+                "The positions fit the measured translations best, given these rotations."
+            )
+        except (MissingExtraError, SolverError):
+            pass
+    found = positions_in_file(graph)
+    if found is None:
+        return None
+    return found, "The positions are those of the input file."
 
 
 def node_means(graph: MeasurementGraph, of_edges: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -45,7 +45,7 @@ def write_files(files: Mapping[Path, bytes]) -> None:
 
 
 def check_writable(path: Path) -> None:
-    """FileAccessError if it can be told beforehand that `write_bytes` would fail."""
+    """FileAccessError if it can be told beforehand that `write_files` would fail."""
     folder = Path(os.path.realpath(path)).parent
     if path.is_dir():
         reason = "it is a folder"

@@ -11,7 +11,6 @@ from rotavg import drawing
 from rotavg.arrays import as_floats
 from rotavg.errors import GraphError, require
 from rotavg.graph import MeasurementGraph
-from rotavg.io.positions import positions as positions_of
 from rotavg.plot.canvas import COLOURS, axes_3d
 
 _EDGES, _FRAMES = 20000, 200  # the most that are drawn
@@ -32,7 +31,8 @@ def trajectory(
         graph: the measurements.
         rotations: (n, 3, 3) world_from_node; those before and those after make two pictures.
         ax: axes with projection="3d"; a new figure's by default.
-        positions: (n, 3); by default those in the g2o file that the graph was read from.
+        positions: (n, 3); by default those that fit the relative translations best, given these
+            rotations, or else those in the file that the graph was read from.
         top_deg: end of the colour scale, degrees, so that two pictures can share it.
 
     Raises:
@@ -40,7 +40,7 @@ def trajectory(
         MissingExtraError: Matplotlib is not installed.
     """
     drawn = axes_3d(ax)
-    place = _positions(graph, positions)
+    place = _positions(graph, rotations, positions)
     residuals = drawing.residuals_deg(graph, rotations)
     lines = require("mpl_toolkits.mplot3d.art3d", "plot").Line3DCollection
     shown = drawing.evenly(graph.num_edges, _EDGES)
@@ -87,16 +87,18 @@ def orientations(
     return drawn
 
 
-def _positions(graph: MeasurementGraph, given: ArrayLike | None) -> NDArray[np.float64]:
+def _positions(
+    graph: MeasurementGraph, rotations: ArrayLike, given: ArrayLike | None
+) -> NDArray[np.float64]:
     if given is not None:
         return as_floats(given, (graph.num_nodes, 3), "positions")
-    found = positions_of(graph)
+    found = drawing.positions_of(graph, rotations)
     if found is None:
         raise GraphError(
-            "the graph's file holds no positions of all nodes: pass positions=, "
-            "or draw orientations()"
+            "the graph has no translations, and its file no positions of all nodes: "
+            "pass positions=, or draw orientations()"
         )
-    return found
+    return found[0]
 
 
 def _dots(

@@ -58,7 +58,7 @@ def write_report(
         FormatError: the name does not end in .html.
     """
     check_report(path)
-    atomic.write_bytes(Path(path), html(solution, run, title=title).encode())
+    atomic.write_files({Path(path): html(solution, run, title=title).encode()})
 
 
 def check_report(path: str | os.PathLike[str], *others: Path | None) -> None:

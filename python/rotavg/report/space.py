@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from rotavg import drawing
 from rotavg.errors import require
-from rotavg.io.positions import positions as positions_of
 from rotavg.report.style import COLOUR_BAR, COLOURS, MUTED
 from rotavg.solution import Solution
 
@@ -20,12 +19,13 @@ _NODES, _EDGES, _FRAMES, _NAMES = 30000, 8000, 250, 10000  # the most that are d
 def space(solution: Solution) -> tuple[Any, str]:
     """The figure, and a sentence that says what it shows and what was left out."""
     figure = require("plotly.graph_objects", "report").Figure()
-    positions = positions_of(solution.graph)
-    if positions is None:
+    found = drawing.positions_of(solution.graph, solution.rotations)
+    if found is None:
         said = _draw_sphere(figure, solution)
         scene = _scene(np.array([[-1.0] * 3, [1.0] * 3]))
     else:
-        said = _draw_poses(figure, solution, positions)
+        positions, source = found
+        said = _draw_poses(figure, solution, positions) + " " + source
         scene = _scene(positions)
     figure.update_layout(scene=scene, showlegend=False, margin={"l": 0, "r": 0, "t": 36, "b": 0})
     return figure, said
@@ -72,8 +72,7 @@ def _draw_poses(figure: Any, solution: Solution, positions: NDArray[np.float64])
         _draw_segments(figure, segments, {"color": colour, "width": 3})
     said = (
         "Every dot is a pose, coloured by the mean residual of its edges; lines are edges, by "
-        "their own. The small frames are the solved rotations (x red, y green, z blue). The "
-        "positions are those of the input file: rotation averaging does not move them."
+        "their own. The small frames are the solved rotations (x red, y green, z blue)."
     )
     if len(shown) < graph.num_edges:
         said += f" Drawn are {len(shown)} of {graph.num_edges} edges, the worst among them."

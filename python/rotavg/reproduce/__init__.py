@@ -32,9 +32,6 @@ def write(folder: Path, experiment: Experiment, outcome: Outcome) -> list[Path]:
         "json": (json_text(outcome.data) + "\n").encode(),
         **outcome.pictures,
     }
-    paths = []
-    for suffix, data in files.items():
-        path = folder / f"{experiment.name}.{suffix}"
-        atomic.write_bytes(path, data)
-        paths.append(path)
-    return paths
+    named = {folder / f"{experiment.name}.{suffix}": data for suffix, data in files.items()}
+    atomic.write_files(named)
+    return list(named)
