@@ -11,6 +11,7 @@ Convention (pose family): R_i is world_from_i, R_ij is i_from_j, and R_i R_ij = 
 """
 
 from rotavg._core import Progress, __version__
+from rotavg.compare import Comparison, compare
 from rotavg.errors import (
     Error,
     FileAccessError,
@@ -22,13 +23,16 @@ from rotavg.errors import (
 )
 from rotavg.graph import MeasurementGraph
 from rotavg.hardness import Hardness, hardness
-from rotavg.io import read, write
+from rotavg.io import read, read_rotations, write, write_edges
+from rotavg.robust import CycleEvidence, RobustFit, cycle_evidence
 from rotavg.simulate import Simulation, simulate
 from rotavg.solution import Certificate, Solution, Status, Timings, Trace, Verdict
 from rotavg.solve import certify, gradient, objective, solve
 
 __all__ = [
     "Certificate",
+    "Comparison",
+    "CycleEvidence",
     "Error",
     "FileAccessError",
     "FormatError",
@@ -38,6 +42,7 @@ __all__ = [
     "MissingExtraError",
     "OptionError",
     "Progress",
+    "RobustFit",
     "Simulation",
     "Solution",
     "SolverError",
@@ -47,11 +52,15 @@ __all__ = [
     "Verdict",
     "__version__",
     "certify",
+    "compare",
+    "cycle_evidence",
     "gradient",
     "hardness",
     "objective",
     "read",
+    "read_rotations",
     "simulate",
     "solve",
     "write",
+    "write_edges",
 ]

@@ -7,6 +7,7 @@ import sys
 import click
 
 import rotavg
+from rotavg.cli.compare import compare
 from rotavg.cli.convert import convert
 from rotavg.cli.info import info
 from rotavg.cli.simulate import simulate
@@ -31,7 +32,7 @@ def commands() -> None:
     """
 
 
-for command in (solve, info, simulate, convert):
+for command in (solve, info, simulate, convert, compare):
     commands.add_command(command)
 
 

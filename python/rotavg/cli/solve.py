@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import time
+from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -12,7 +14,7 @@ import rotavg
 from rotavg.cli import options
 from rotavg.cli.options import choice, number
 from rotavg.cli.output import print_json, print_notes, print_text, progress
-from rotavg.io import check_writable
+from rotavg.io import atomic, check_writable
 
 
 @click.command(
@@ -42,6 +44,31 @@ from rotavg.io import check_writable
 @click.option(
     "--accelerate", is_flag=True, help="Extrapolate, with --method bcd and sum: fewer iterations."
 )
+@choice(
+    "--loss",
+    ["l2", "auto", "huber", "l1", "l_half", "cauchy", "geman_mcclure", "tls"],
+    "l2",
+    "Robust loss of the residual angles; 'auto' for data with outliers.",
+)
+@click.option(
+    "--loss-scale",
+    default="auto",
+    metavar="DEG",
+    show_default=True,
+    help="Where the loss begins to distrust, degrees.",
+)
+@click.option(
+    "--cycle-threshold",
+    type=click.FloatRange(0, 180, min_open=True),
+    metavar="DEG",
+    help="Leave out edges each of whose three or more short cycles misses by more degrees.",
+)
+@click.option(
+    "--edges",
+    "edges_path",
+    type=options.PATH,
+    help="Write a CSV file: residual, weights and verdict of every edge.",
+)
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
 @options.unit_weights
 @options.as_json
@@ -52,6 +79,9 @@ def solve(
     no_certify: bool,
     unit_weights: bool,
     as_json: bool,
+    loss_scale: str,
+    cycle_threshold: float | None,
+    edges_path: Path | None,
     **settings: Any,
 ) -> int:
     """Find the rotations that fit the relative rotations in INPUT best, and certify them.
@@ -60,9 +90,15 @@ def solve(
     Examples:
       rotavg solve graph.g2o -o solved.g2o
       rotavg solve graph.txt --method sum --threads 4 --json
+      rotavg solve photos.txt --loss auto --edges edges.csv
     """
+    settings["loss_scale"] = _radians(loss_scale)
+    if cycle_threshold is not None:
+        settings["cycle_threshold"] = math.radians(cycle_threshold)
     if output is not None:
         check_writable(output)  # before the work, not after it
+    if edges_path is not None:
+        atomic.check_writable(edges_path)
     start = time.perf_counter()
     graph = rotavg.read(input_path, unit_weights=unit_weights)
     read_seconds = time.perf_counter() - start
@@ -74,13 +110,44 @@ def solve(
         )
     if output is not None:
         rotavg.write(output, solution)
+    if edges_path is not None:
+        rotavg.write_edges(edges_path, solution)
     if as_json:
         print_json(_summary(solution, read_seconds, time.perf_counter() - start))
     else:
         print_text(str(solution))
         if output is not None:
             click.echo(f"wrote {output}", err=True)
+        if edges_path is not None:
+            click.echo(f"wrote {edges_path}", err=True)
     return 0 if solution.solved else 1
+
+
+def _radians(scale: str) -> float | Literal["auto"]:
+    if scale == "auto":
+        return "auto"
+    try:
+        return math.radians(float(scale))
+    except ValueError:
+        raise click.BadParameter(
+            f"{scale!r} is neither a number of degrees nor 'auto'", param_hint="'--loss-scale'"
+        ) from None
+
+
+def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:
+    r = solution.robust
+    if r is None:
+        return None
+    return {
+        "loss": r.loss,
+        "scale_deg": math.degrees(r.scale),
+        "noise_deg": math.degrees(r.noise),
+        "threshold_deg": math.degrees(r.threshold),
+        "objective": r.objective,
+        "outliers": int(solution.is_outlier.sum()),
+        "verdicts": dict(Counter(r.edge_verdicts.tolist())),
+        "parts": r.num_parts,
+    }
 
 
 def _summary(solution: rotavg.Solution, read: float, total: float) -> dict[str, Any]:
@@ -107,6 +174,7 @@ def _summary(solution: rotavg.Solution, read: float, total: float) -> dict[str, 
             "relative_gap": c.relative_gap,
             "method": c.method,
         },
+        "robust": _robust(solution),
         "notes": list(solution.graph.notes),
         "seconds": {
             "read": read,

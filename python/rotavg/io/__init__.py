@@ -3,7 +3,9 @@
 A further format is one more file with a `Format` in it, listed in `formats.py`.
 """
 
+from rotavg.io.edges import write_edges
 from rotavg.io.formats import check_writable, read, write
 from rotavg.io.registry import Format
+from rotavg.io.rotations import read_rotations
 
-__all__ = ["Format", "check_writable", "read", "write"]
+__all__ = ["Format", "check_writable", "read", "read_rotations", "write", "write_edges"]
