@@ -70,7 +70,7 @@ class RobustFit:
             (counts["cycle_check"], "by the cycle check"),
         ]
         total = sum(count for count, _ in reasons)
-        how = ", ".join(f"{count} {reason}" for count, reason in reasons if count)
+        how = ", ".join(f"{count} {reason}" for count, reason in reasons)
         rows = [
             (
                 "loss",
@@ -80,7 +80,8 @@ class RobustFit:
             (
                 "outliers",
                 f"{total} of {len(self.edge_verdicts)} edges, beyond "
-                f"{np.degrees(self.threshold):.3g} deg" + (f": {how}" if how else ""),
+                f"{np.degrees(self.threshold):.3g} deg"
+                + (f": {how}" if counts["cycle_check"] else ""),
             ),
         ]
         if counts["bridge"]:

@@ -124,7 +124,7 @@ TEST_CASE("reweighting never lets the robust objective rise, with any inner solv
         const double before = result.trace[k - 1].objective;
         CHECK(result.trace[k].objective <= before * (1.0 + 1e-12));
       }
-      CHECK(result.objective < 0.9 * result.trace.front().objective);
+      CHECK(result.objective < result.trace.front().objective);
     }
   }
 }

@@ -15,6 +15,7 @@ import pytest
 
 import rotavg
 from rotavg.cli.solve import solve as solve_command
+from rotavg.robust import Loss
 from rotavg.solve import Init, Method, Mu, Stop
 
 
@@ -132,7 +133,7 @@ def test_the_command_offers_every_choice_of_the_library() -> None:
         for p in solve_command.params
         if isinstance(p.type, click.Choice)
     }
-    choices = {"method": Method, "init": Init, "stop": Stop, "mu": Mu}
+    choices = {"method": Method, "init": Init, "stop": Stop, "mu": Mu, "loss": Loss}
     assert offered == {name: get_args(words) for name, words in choices.items()}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -243,3 +244,12 @@ def test_madrid_metropolis_has_as_many_small_residuals_as_any_peer_found() -> No
     ).largest_component()
     solution = rotavg.solve(graph, loss="auto")
     assert np.mean(np.degrees(solution.residual_angles) < 5) >= 0.4038
+
+
+def test_the_programs_of_the_page_run(capsys: pytest.CaptureFixture[str]) -> None:
+    page = Path(__file__).resolve().parents[2] / "docs" / "robust.md"
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    for block in blocks:
+        exec(block, {})
+    assert "outliers" in capsys.readouterr().out
+    assert blocks

@@ -127,11 +127,15 @@ def _radians(scale: str) -> float | Literal["auto"]:
     if scale == "auto":
         return "auto"
     try:
-        return math.radians(float(scale))
+        degrees = float(scale)
     except ValueError:
+        degrees = math.nan
+    if not 1e-4 <= degrees <= 180:
         raise click.BadParameter(
-            f"{scale!r} is neither a number of degrees nor 'auto'", param_hint="'--loss-scale'"
-        ) from None
+            f"{scale!r} is neither 'auto' nor a number of degrees from 0.0001 to 180",
+            param_hint="'--loss-scale'",
+        )
+    return math.radians(degrees)
 
 
 def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:

@@ -14,8 +14,8 @@
 
 namespace rotavg {
 
-/// The surrogates of a bounded loss, from one that is convex as far out as four scales and bends
-/// off slowly, to the loss itself: graduated non-convexity (Blake and Zisserman 1987; Yang,
+/// The surrogates of a bounded loss, from one that bends off slowly and is level only some four
+/// scales out, towards the loss itself: graduated non-convexity (Blake and Zisserman 1987; Yang,
 /// Antonante, Tzoumas and Carlone 2020, who also step mu by 1.4).
 inline std::vector<RobustLoss> graduation(const RobustLoss& loss) {
   constexpr double step = 1.4, reach2 = 16.0;
