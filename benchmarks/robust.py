@@ -169,11 +169,11 @@ def main(
     measured: dict[str, dict[str, dict[str, Any]]] = {}
     cases = [] if no_simulated else list(simulated([*nodes], [*degree], [*noise]))
     real = [] if data is None else list(photographs(data))
+    output.parent.mkdir(parents=True, exist_ok=True)
     for name, graph, truth in [*real, *cases]:
         click.echo(name, err=True)
         measured[name] = {solver: run(solver, graph, truth) for solver in names}
-    output.parent.mkdir(parents=True, exist_ok=True)
-    output.write_text(json.dumps(measured, indent=1))
+        output.write_text(json.dumps(measured, indent=1))
 
     if real:
         click.echo("Photographs: median / mean error, or share of the edges below 5 deg; CPU s\n")

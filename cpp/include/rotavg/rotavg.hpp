@@ -29,6 +29,7 @@
 #include <rotavg/robust/irls.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/residuals.hpp>
+#include <rotavg/robust/run.hpp>
 #include <rotavg/robust/scale.hpp>
 #include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/robust/verdicts.hpp>

@@ -102,9 +102,4 @@ struct RobustLoss {
   double outer() const { return std::isinf(mu) ? 1.0 : (mu + 1.0) / mu; }
 };
 
-/// Whether a loss is convex in r, so that the start matters little.
-inline bool is_convex(Loss loss) {
-  return loss == Loss::l2 || loss == Loss::huber || loss == Loss::l1;
-}
-
 }  // namespace rotavg
