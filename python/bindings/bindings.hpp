@@ -7,5 +7,6 @@ namespace rotavg_python {
 void bind_graph(pybind11::module_& m);
 void bind_solve(pybind11::module_& m);
 void bind_certify(pybind11::module_& m);
+void bind_robust(pybind11::module_& m);
 
 }  // namespace rotavg_python

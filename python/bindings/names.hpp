@@ -9,6 +9,8 @@
 #include <pybind11/pybind11.h>
 
 #include <rotavg/certify/certificate.hpp>
+#include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/verdicts.hpp>
 #include <rotavg/solve/solve.hpp>
 
 namespace rotavg_python {
@@ -60,6 +62,26 @@ struct Names<rotavg::StopRule> {
   static constexpr const char* option = "stop";
   static constexpr std::pair<rotavg::StopRule, const char*> list[] = {
       {rotavg::StopRule::gradient, "gradient"}, {rotavg::StopRule::step, "step"}};
+};
+
+template <>
+struct Names<rotavg::Loss> {
+  static constexpr const char* option = "loss";
+  static constexpr std::pair<rotavg::Loss, const char*> list[] = {
+      {rotavg::Loss::l2, "l2"},         {rotavg::Loss::huber, "huber"},
+      {rotavg::Loss::l1, "l1"},         {rotavg::Loss::l_half, "l_half"},
+      {rotavg::Loss::cauchy, "cauchy"}, {rotavg::Loss::geman_mcclure, "geman_mcclure"},
+      {rotavg::Loss::tls, "tls"},       {rotavg::Loss::automatic, "auto"}};
+};
+
+template <>
+struct Names<rotavg::EdgeVerdict> {
+  static constexpr std::pair<rotavg::EdgeVerdict, const char*> list[] = {
+      {rotavg::EdgeVerdict::inlier, "inlier"},
+      {rotavg::EdgeVerdict::bridge, "bridge"},
+      {rotavg::EdgeVerdict::robust_weight, "robust_weight"},
+      {rotavg::EdgeVerdict::cycle_check, "cycle_check"},
+      {rotavg::EdgeVerdict::weak_part, "weak_part"}};
 };
 
 template <>

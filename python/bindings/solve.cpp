@@ -3,6 +3,7 @@
 #include <pybind11/functional.h>
 #include <pybind11/stl.h>
 
+#include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/solve/solve.hpp>
 
 #include "bindings.hpp"
@@ -49,11 +50,27 @@ py::dict solution_dict(const rotavg::Solution& s) {
   return result;
 }
 
+py::dict robust_dict(const rotavg::RobustSolution& s) {
+  py::list verdicts;
+  for (const rotavg::EdgeVerdict verdict : s.verdicts.edges) verdicts.append(name_of(verdict));
+  py::dict result;
+  result["loss"] = name_of(s.loss.kind);
+  result["scale"] = s.loss.scale;
+  result["noise"] = s.noise;
+  result["threshold"] = s.threshold;
+  result["objective"] = s.robust_objective;
+  result["edge_weights"] = from_vector(s.edge_weights);
+  result["edge_verdicts"] = verdicts;
+  result["part"] = from_vector(s.verdicts.part);
+  return result;
+}
+
 py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
                const std::string& init, const std::optional<DoubleArray>& start, std::uint64_t seed,
                const std::string& mu, bool accelerate, int max_rank, const std::string& stop, double tolerance,
                int max_iterations, double time_limit, int num_threads, bool certify,
-               double certificate_tolerance, const std::optional<py::function>& callback) {
+               double certificate_tolerance, const std::optional<py::function>& callback,
+               const std::string& loss, double loss_scale, double cycle_threshold) {
   SignalCheck signals;
   rotavg::SolveOptions options;
   options.method = value_of<rotavg::Method>(method);
@@ -79,13 +96,21 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
   }
   std::optional<rotavg::Rotations> R;
   if (start) R = to_rotations(*start, "init");
-  rotavg::Solution solution;
+  const rotavg::RobustOptions robust{value_of<rotavg::Loss>(loss), loss_scale, cycle_threshold};
+  const bool plain = robust.loss == rotavg::Loss::l2 && cycle_threshold == 0.0;
+  rotavg::RobustSolution solution;
   {
     const py::gil_scoped_release release;
-    solution = rotavg::solve(graph, options, std::move(R));
+    if (plain) {
+      static_cast<rotavg::Solution&>(solution) = rotavg::solve(graph, options, std::move(R));
+    } else {
+      solution = rotavg::solve_robust(graph, options, robust, std::move(R));
+    }
   }
   signals.rethrow();
-  return solution_dict(solution);
+  py::dict result = solution_dict(solution);
+  if (!plain) result["robust"] = robust_dict(solution);
+  return result;
 }
 
 py::tuple invalid_option_arguments(const InvalidOption& error) {
@@ -120,7 +145,7 @@ void bind_solve(py::module_& m) {
         py::arg("start"), py::arg("seed"), py::arg("mu"), py::arg("accelerate"), py::arg("max_rank"), py::arg("stop"),
         py::arg("tolerance"), py::arg("max_iterations"), py::arg("time_limit"),
         py::arg("num_threads"), py::arg("certify"), py::arg("certificate_tolerance"),
-        py::arg("callback"));
+        py::arg("callback"), py::arg("loss"), py::arg("loss_scale"), py::arg("cycle_threshold"));
 }
 
 }  // namespace rotavg_python

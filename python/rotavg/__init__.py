@@ -11,6 +11,7 @@ Convention (pose family): R_i is world_from_i, R_ij is i_from_j, and R_i R_ij = 
 """
 
 from rotavg._core import Progress, __version__
+from rotavg.compare import Comparison, compare
 from rotavg.errors import (
     Error,
     FileAccessError,
@@ -23,8 +24,9 @@ from rotavg.errors import (
 )
 from rotavg.graph import MeasurementGraph
 from rotavg.hardness import Hardness, hardness
-from rotavg.io import read, write
+from rotavg.io import read, read_rotations, write, write_edges
 from rotavg.positions import positions
+from rotavg.robust import CycleEvidence, RobustFit, cycle_evidence
 from rotavg.simulate import Simulation, simulate
 from rotavg.solution import (
     Certificate,
@@ -40,7 +42,9 @@ from rotavg.translations import RelativeTranslations
 
 __all__ = [
     "Certificate",
+    "Comparison",
     "ComponentCertificate",
+    "CycleEvidence",
     "Error",
     "FileAccessError",
     "FormatError",
@@ -52,6 +56,7 @@ __all__ = [
     "OptionError",
     "Progress",
     "RelativeTranslations",
+    "RobustFit",
     "Simulation",
     "Solution",
     "SolverError",
@@ -61,12 +66,16 @@ __all__ = [
     "Verdict",
     "__version__",
     "certify",
+    "compare",
+    "cycle_evidence",
     "gradient",
     "hardness",
     "objective",
     "positions",
     "read",
+    "read_rotations",
     "simulate",
     "solve",
     "write",
+    "write_edges",
 ]

@@ -22,7 +22,7 @@ class Simulation:
     Attributes:
         graph: nodes 0 ... n - 1, weights 1.
         ground_truth: (n, 3, 3) world_from_node. Compare up to one rotation from the left.
-        is_outlier: (m,) whether the edge's rotation was drawn at random.
+        is_outlier: (m,) whether the edge's rotation is a wrong one.
         positions: (n, 3) of the nodes in the world; None for kinds without geometry.
     """
 
@@ -40,6 +40,7 @@ def simulate(
     drop: float = 0.0,
     density: float = 0.1,
     outliers: float = 0.0,
+    outlier_clusters: int = 0,
     loop_closures: float = 0.01,
     seed: int = 0,
 ) -> Simulation:
@@ -60,6 +61,10 @@ def simulate(
         density: of "erdos_renyi": the probability of each pair to be joined, plus the few random
             edges that connect the graph.
         outliers: fraction of the edges whose rotation is replaced by a uniformly random one.
+        outlier_clusters: with it, outliers are coherent, as a repeated facade makes them: the
+            nodes belong to so many random clusters, each of two clusters is mistaken for one that
+            is turned by a rotation of their own, and an outlier between them measures, with the
+            noise, this wrong rotation. Only edges between clusters become outliers.
         loop_closures: of "band": fraction of the edges that join random nodes instead.
         seed: of NumPy's PCG64.
 
@@ -75,6 +80,8 @@ def simulate(
     ):
         if not 0 <= fraction <= 1:
             raise GraphError(f"{name} is {fraction}, expected a fraction in [0, 1]")
+    if not isinstance(outlier_clusters, (int, np.integer)) or outlier_clusters < 0:
+        raise GraphError(f"outlier_clusters is {outlier_clusters!r}, expected an integer >= 0")
     rng = np.random.Generator(np.random.PCG64(seed))
 
     positions = frames = None
@@ -99,8 +106,13 @@ def simulate(
     if noise > 0:
         rotations = rotations @ _random_noise(m, noise, rng)
     is_outlier = np.zeros(m, dtype=np.bool_)
-    is_outlier[rng.choice(m, size=round(outliers * m), replace=False)] = True
-    rotations[is_outlier] = _random_rotations(int(is_outlier.sum()), rng)
+    if outlier_clusters > 0 and outliers > 0:
+        is_outlier = _mistake_clusters(
+            edges, ground_truth, rotations, outliers, outlier_clusters, rng
+        )
+    else:
+        is_outlier[rng.choice(m, size=round(outliers * m), replace=False)] = True
+        rotations[is_outlier] = _random_rotations(int(is_outlier.sum()), rng)
     graph = MeasurementGraph(edges, rotations, nodes=np.arange(n))
     return Simulation(graph, ground_truth, is_outlier, positions)
 
@@ -128,6 +140,37 @@ def _dropped(
             f"expected at most the {len(spare)} that can go without disconnecting the graph"
         )
     return np.delete(edges, rng.choice(spare, size=count, replace=False), axis=0)
+
+
+def _mistake_clusters(
+    edges: NDArray[np.int64],
+    ground_truth: NDArray[np.float64],
+    rotations: NDArray[np.float64],
+    share: float,
+    num_clusters: int,
+    rng: np.random.Generator,
+) -> NDArray[np.bool_]:
+    """Replace a share of the rotations (m, 3, 3) by coherent mistakes; returns which (m,)."""
+    cluster = rng.integers(num_clusters, size=len(ground_truth))[edges]
+    between = np.flatnonzero(cluster[:, 0] != cluster[:, 1])
+    count = round(share * len(edges))
+    if count > len(between):
+        raise GraphError(
+            f"outliers is {share}, which is {count} of {len(edges)} edges, expected at most the "
+            f"{len(between)} between clusters"
+        )
+    wrong = rng.choice(between, size=count, replace=False)
+    low, high = cluster[wrong].min(axis=1), cluster[wrong].max(axis=1)
+    turn = _random_rotations(num_clusters**2, rng)[low * num_clusters + high]
+    forward = (cluster[wrong, 0] < cluster[wrong, 1])[:, None, None]
+    turn = np.where(forward, turn, np.swapaxes(turn, 1, 2))
+    i_from_world = np.swapaxes(ground_truth[edges[wrong, 0]], 1, 2)
+    world_from_j = ground_truth[edges[wrong, 1]]
+    noise = np.swapaxes(i_from_world @ world_from_j, 1, 2) @ rotations[wrong]
+    rotations[wrong] = i_from_world @ turn @ world_from_j @ noise
+    is_outlier = np.zeros(len(edges), dtype=np.bool_)
+    is_outlier[wrong] = True
+    return is_outlier
 
 
 def _random_rotations(count: int, rng: np.random.Generator) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rotavg import _core, conventions
 from rotavg.arrays import read_only
 from rotavg.errors import GraphError
+from rotavg.robust import RobustFit, bridges, contamination
 
 if TYPE_CHECKING:
     from rotavg.graph import MeasurementGraph
@@ -158,6 +159,9 @@ class Solution:
         timings: wall-clock seconds.
         certificate: how good the answer is known to be; None if it was not asked for.
         component: (n,) label of each node's connected component.
+        robust: with a robust loss, what came of it; None for "l2". `objective`, the gradient and
+            the certificate are then those of the problem with the final `edge_weights`, and
+            `trace` is that of the robust objective at its final scale, which never rises.
     """
 
     graph: MeasurementGraph
@@ -174,6 +178,7 @@ class Solution:
     timings: Timings
     certificate: Certificate | None
     component: NDArray[np.int32]
+    robust: RobustFit | None = None
 
     def __getitem__(self, node: int | str) -> NDArray[np.float64]:
         """Rotation (3, 3), world_from_node, of the node with this id; GraphError without one."""
@@ -194,8 +199,25 @@ class Solution:
 
     @property
     def edge_weights(self) -> NDArray[np.float64]:
-        """(m,) weights that the edges had in the objective."""
-        return self.graph.weights
+        """(m,) weights that the edges had in the objective: the graph's, times the robust ones."""
+        return self.graph.weights if self.robust is None else self.robust.edge_weights
+
+    @cached_property
+    def edge_verdicts(self) -> NDArray[np.str_]:
+        """(m,) of every edge "inlier", "bridge" (no cycle checks it), or why it is an outlier.
+
+        "robust_weight": its residual is beyond the threshold. "cycle_check": no short cycle agrees
+        with it. "weak_part": beyond the threshold, and no trusted edge joins the same two parts of
+        the graph. Without a robust loss no edge is an outlier.
+        """
+        if self.robust is not None:
+            return self.robust.edge_verdicts
+        return read_only(np.where(bridges(self.graph), "bridge", "inlier"))
+
+    @cached_property
+    def is_outlier(self) -> NDArray[np.bool_]:
+        """(m,) whether the edge's verdict is that of an outlier."""
+        return read_only(~np.isin(self.edge_verdicts, ("inlier", "bridge")))
 
     @property
     def solved(self) -> bool:
@@ -243,11 +265,16 @@ class Solution:
         ]
         if self.num_components > 1:
             rows.append(("components", f"{self.num_components}, each with a gauge of its own"))
+        if self.robust is not None:
+            rows += self.robust.rows(self.num_components)
+        elif (advice := contamination(self.residual_angles, self.graph.weights)) is not None:
+            rows.append(("outliers?", advice))
         return rows
 
     def _verdict_sentence(self, c: Certificate) -> str:
         if c.verdict != Verdict.NOT_CERTIFIED:
-            return c.verdict.sentence
+            held = "" if self.robust is None else ", for the final weights of the edges"
+            return c.verdict.sentence + held
         if c.method == "none":
             return "not certified: the work was stopped before the proof"
         if not self.status.converged:

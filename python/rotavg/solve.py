@@ -14,6 +14,7 @@ from rotavg import _core
 from rotavg.arrays import as_floats, read_only
 from rotavg.errors import GraphError, OptionError, SolverError
 from rotavg.graph import MeasurementGraph
+from rotavg.robust import Loss, RobustFit
 from rotavg.solution import Certificate, ComponentCertificate, Solution, Status, Timings, Trace
 
 Method = Literal["auto", "bcd", "sum", "newton", "staircase", "bcdsr"]
@@ -22,6 +23,8 @@ Stop = Literal["gradient", "step"]
 Mu = Literal["adaptive", "min_eigenvalue"]
 Progress = _core.Progress
 Callback = Callable[[Progress], Union[bool, None]]
+
+_LEAST_ANGLE = 1e-6  # smaller ones drown in rounding
 
 _Result = TypeVar("_Result")
 
@@ -43,8 +46,14 @@ def solve(
     max_rank: int = 10,
     seed: int = 0,
     certificate_tolerance: float = 1e-6,
+    loss: Loss = "l2",
+    loss_scale: float | Literal["auto"] = "auto",
+    cycle_threshold: float | None = None,
 ) -> Solution:
     """Find the rotations that minimise sum of w |R_i R_ij - R_j|_F^2, and certify them.
+
+    With a robust `loss`, those that fit most of the measurements whatever the others say: then the
+    certificate is that of the final weighted problem (`Solution.robust`, docs/robust.md).
 
     Args:
         graph: the measurements.
@@ -80,6 +89,13 @@ def solve(
         max_rank: how many dimensions the staircase may climb to; below 5 it is not used.
         seed: of the "random" initial value.
         certificate_tolerance: the largest relative gap that is called optimal.
+        loss: "l2", or for data with outliers "auto" (the choice for most), "huber", "l1",
+            "l_half", "cauchy", "geman_mcclure" or "tls" (truncated least squares), of the chord
+            2 sin(angle / 2) of every residual angle.
+        loss_scale: where the loss begins to distrust, radians; "auto" for a multiple of the noise,
+            which is estimated from the residuals.
+        cycle_threshold: with it, an edge is left out from the start if it has three or more short
+            cycles, and each of them misses the identity by more than this angle, radians.
 
     Returns:
         A Solution. That an iteration or time limit was hit is told by its `status`, not raised.
@@ -111,6 +127,9 @@ def solve(
         certify=bool(certify),
         certificate_tolerance=_nonnegative("certificate_tolerance", certificate_tolerance),
         callback=callback,
+        loss=loss,
+        loss_scale=_angle("loss_scale", loss_scale, "auto"),
+        cycle_threshold=_angle("cycle_threshold", cycle_threshold, None),
     )
     return Solution(
         graph=graph,
@@ -127,6 +146,7 @@ def solve(
         timings=Timings(**core["seconds"]),
         certificate=_certificate(core["certificate"]),
         component=read_only(core["component"]),
+        robust=RobustFit.from_core(core["robust"]) if "robust" in core else None,
     )
 
 
@@ -214,6 +234,17 @@ def _nonnegative(name: str, value: float) -> float:
     if not (isinstance(value, (int, float, np.number)) and value >= 0):
         raise OptionError(f"{name} is {value!r}; expected a number that is not negative")
     return float(value)
+
+
+def _angle(name: str, value: float | str | None, otherwise: str | None) -> float:
+    """Radians; 0 for `otherwise`, which the core chooses for."""
+    if value is None or isinstance(value, str):
+        if value == otherwise:
+            return 0.0
+    elif isinstance(value, (int, float, np.number)) and _LEAST_ANGLE <= value <= np.pi:
+        return float(value)
+    expected = f"expected an angle in radians, {_LEAST_ANGLE} to pi, or {otherwise!r}"
+    raise OptionError(f"{name} is {value!r}; {expected}")
 
 
 def _time_limit(value: float | None) -> float:

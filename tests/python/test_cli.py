@@ -17,6 +17,7 @@ import rotavg
 from rotavg.cli.solve import solve as solve_command
 from rotavg.conventions import Convention
 from rotavg.io import FORMATS
+from rotavg.robust import Loss
 from rotavg.solve import Init, Method, Mu, Stop
 
 
@@ -141,7 +142,7 @@ def test_the_command_offers_every_choice_of_the_library() -> None:
         for p in solve_command.params
         if isinstance(p.type, click.Choice)
     }
-    choices = {"method": Method, "init": Init, "stop": Stop, "mu": Mu}
+    choices = {"method": Method, "init": Init, "stop": Stop, "mu": Mu, "loss": Loss}
     choices["convention"] = Convention
     expected = {name: get_args(words) for name, words in choices.items()}
     expected["format"] = tuple(form.name for form in FORMATS if form.read)

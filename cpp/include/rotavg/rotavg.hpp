@@ -2,10 +2,11 @@
 
 /// rotavg: absolute rotations from relative ones, with a proof of optimality.
 /// Layers, each using only those before it:
-///   types, parallel, so3, linalg -> graph -> problem -> init, certify -> solve
+///   types, parallel, so3, linalg -> graph -> problem -> init, certify -> solve -> robust
 
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/graph/breadth_first.hpp>
+#include <rotavg/graph/bridges.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/laplacian.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
@@ -23,6 +24,17 @@
 #include <rotavg/problem/laplacian_metric.hpp>
 #include <rotavg/problem/lifted.hpp>
 #include <rotavg/problem/objective.hpp>
+#include <rotavg/robust/cycles.hpp>
+#include <rotavg/robust/gnc.hpp>
+#include <rotavg/robust/inner.hpp>
+#include <rotavg/robust/irls.hpp>
+#include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/residuals.hpp>
+#include <rotavg/robust/run.hpp>
+#include <rotavg/robust/scale.hpp>
+#include <rotavg/robust/solve_robust.hpp>
+#include <rotavg/robust/verdicts.hpp>
+#include <rotavg/robust/votes.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/loso.hpp>
 #include <rotavg/so3/nearest.hpp>

@@ -11,6 +11,7 @@ import numpy as np
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.output import print_json, print_notes, print_table, working
+from rotavg.robust import bridges, contamination
 
 
 @click.command(short_help="Tell what graph is in a file, and how hard it is.")
@@ -49,6 +50,7 @@ def _measures(graph: rotavg.MeasurementGraph, hardness: rotavg.Hardness) -> dict
         cycles["length_max"] = int(lengths.max())
         for name, percent in (("median", 50), ("p90", 90), ("max", 100)):
             cycles[f"error_{name}_deg"] = float(np.percentile(angles, percent))
+        cycles["contamination"] = contamination(hardness.cycle_angles / np.sqrt(lengths))
         cycles["noise_per_edge_deg"] = float(np.degrees(hardness.noise))
     return {
         "nodes": graph.num_nodes,
@@ -61,6 +63,7 @@ def _measures(graph: rotavg.MeasurementGraph, hardness: rotavg.Hardness) -> dict
             "max": int(hardness.degrees.max()),
         },
         "weight": {"min": float(graph.weights.min()), "max": float(graph.weights.max())},
+        "bridges": int(bridges(graph).sum()),
         "algebraic_connectivity": hardness.algebraic_connectivity,
         "cycles": cycles,
     }
@@ -84,14 +87,15 @@ def _rows(measures: dict[str, Any]) -> list[tuple[str, str]]:
             + ": the smaller, the harder",
         ),
     ]
+    if measures["bridges"] > 0 and cycles["examined"] > 0:
+        rows.append(("bridges", f"{measures['bridges']} edges that no cycle checks"))
     if cycles["examined"] == 0:
         rows.append(("cycles", "none: a forest, every measurement is met exactly"))
         return rows
     examined = "" if cycles["examined"] == cycles["independent"] else (
         f", {cycles['examined']} examined"
     )  # fmt: skip
-    return [
-        *rows,
+    rows += [
         (
             "cycles",
             f"{cycles['independent']} independent{examined}, of {cycles['length_median']:g} edges "
@@ -108,3 +112,6 @@ def _rows(measures: dict[str, Any]) -> list[tuple[str, str]]:
             "(median of cycle error / sqrt(edges))",
         ),
     ]
+    if cycles["contamination"] is not None:
+        rows.append(("outliers?", f"of the cycle errors / sqrt(edges), {cycles['contamination']}"))
+    return rows

@@ -10,6 +10,7 @@ import click
 
 import rotavg
 from rotavg.cli.command import Commands
+from rotavg.cli.compare import compare
 from rotavg.cli.completion import completion
 from rotavg.cli.convert import convert
 from rotavg.cli.info import info
@@ -40,7 +41,7 @@ def commands() -> None:
     """
 
 
-for command in (solve, info, simulate, convert, reproduce, completion):
+for command in (solve, info, simulate, convert, compare, reproduce, completion):
     commands.add_command(command)
 
 

@@ -38,6 +38,12 @@ from rotavg.simulate import KINDS
 @number("--density", click.FloatRange(0, 1), 0.1, "Of erdos_renyi: probability of an edge.")
 @number("--loop-closures", click.FloatRange(0, 1), 0.01, "Of band: fraction of random edges.")
 @number("--outliers", click.FloatRange(0, 1), 0.0, "Fraction of edges with a random rotation.")
+@number(
+    "--outlier-clusters",
+    click.IntRange(0),
+    0,
+    "Clusters of nodes that are mistaken for one another: coherent outliers; 0 for random ones.",
+)
 @number("--seed", click.IntRange(0), 0, "The same seed gives the same graph.")
 @options.as_json
 def simulate(kind: str, n: int, output: Path, as_json: bool, **settings: Any) -> None:

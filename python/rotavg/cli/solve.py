@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,7 +17,7 @@ from rotavg.cli import options
 from rotavg.cli.command import Command
 from rotavg.cli.options import choice, number
 from rotavg.cli.output import print_json, print_notes, print_solution, progress, working
-from rotavg.io import check_writable
+from rotavg.io import atomic, check_writable
 from rotavg.report import Run, check_report, write_report
 
 
@@ -24,10 +26,11 @@ from rotavg.report import Run, check_report, write_report
     short_help="Find the rotations that fit best, and certify them.",
     groups={
         "Input and output": (
-            *("output", "report", "format", "output_format", "convention"),
+            *("output", "report", "edges_path", "format", "output_format", "convention"),
             *("unit_weights", "as_json"),
         ),
         "Method": ("method", "init", "seed", "mu", "accelerate", "max_rank"),
+        "Outliers": ("loss", "loss_scale", "cycle_threshold"),
         "When to stop": ("tolerance", "stop", "max_iterations", "time_limit"),
     },
     epilog="Exit status: 0 solved (certified, or converged with --no-certify), 1 not solved, "
@@ -72,6 +75,31 @@ from rotavg.report import Run, check_report, write_report
 @number(
     "--max-rank", click.IntRange(0, 100), 10, "How high the staircase climbs; below 5: not at all."
 )
+@choice(
+    "--loss",
+    ["l2", "auto", "huber", "l1", "l_half", "cauchy", "geman_mcclure", "tls"],
+    "l2",
+    "Robust loss of the residual angles; 'auto' for data with outliers.",
+)
+@click.option(
+    "--loss-scale",
+    default="auto",
+    metavar="DEG",
+    show_default=True,
+    help="Where the loss begins to distrust, degrees.",
+)
+@click.option(
+    "--cycle-threshold",
+    type=click.FloatRange(0, 180, min_open=True),
+    metavar="DEG",
+    help="Leave out edges each of whose three or more short cycles misses by more degrees.",
+)
+@click.option(
+    "--edges",
+    "edges_path",
+    type=options.PATH,
+    help="Write a CSV file: residual, weights and verdict of every edge.",
+)
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
 @options.input_format
 @options.output_solution
@@ -89,6 +117,9 @@ def solve(
     convention: Literal["pose", "vision"] | None,
     unit_weights: bool,
     as_json: bool,
+    loss_scale: str,
+    cycle_threshold: float | None,
+    edges_path: Path | None,
     **settings: Any,
 ) -> int:
     """Find the rotations that fit the relative rotations in INPUT best, and certify them.
@@ -97,11 +128,17 @@ def solve(
     Examples:
       rotavg solve graph.g2o -o solved.g2o --report report.html
       rotavg solve graph.txt --method sum --threads 4 --json
+      rotavg solve photos.txt --loss auto --edges edges.csv
     """
+    settings["loss_scale"] = _radians(loss_scale)
+    if cycle_threshold is not None:
+        settings["cycle_threshold"] = math.radians(cycle_threshold)
     if output is not None:
         check_writable(output, output_format, solution=True)  # before the work, not after it
     if report is not None:
-        check_report(report, input_path, output)
+        check_report(report, input_path, output, edges_path)
+    if edges_path is not None:
+        atomic.check_writable(edges_path)
     start = time.perf_counter()
     with working(f"reading {input_path}"):
         graph = rotavg.read(
@@ -116,6 +153,8 @@ def solve(
         )
     if output is not None:
         rotavg.write(output, solution, format=output_format)
+    if edges_path is not None:
+        rotavg.write_edges(edges_path, solution)
     if report is not None:
         with working(f"writing {report}"):
             write_report(report, solution, _run(input_path, read_seconds))
@@ -123,7 +162,7 @@ def solve(
         print_json(_summary(solution, read_seconds, time.perf_counter() - start))
     else:
         print_solution(solution)
-        for path in (output, report):
+        for path in (output, edges_path, report):
             if path is not None:
                 click.echo(f"wrote {path}", err=True)
     return 0 if solution.solved else 1
@@ -134,10 +173,41 @@ def _run(input_path: Path, read_seconds: float) -> Run:
     settings = {
         name: value
         for name, value in click.get_current_context().params.items()
-        if name not in ("input_path", "output", "report", "as_json")
+        if name not in ("input_path", "output", "report", "edges_path", "as_json")
     }
     command = shlex.join(["rotavg", *sys.argv[1:]])
     return Run(command, input_path, settings, {"read": read_seconds})
+
+
+def _radians(scale: str) -> float | Literal["auto"]:
+    if scale == "auto":
+        return "auto"
+    try:
+        degrees = float(scale)
+    except ValueError:
+        degrees = math.nan
+    if not 1e-4 <= degrees <= 180:
+        raise click.BadParameter(
+            f"{scale!r} is neither 'auto' nor a number of degrees from 0.0001 to 180",
+            param_hint="'--loss-scale'",
+        )
+    return math.radians(degrees)
+
+
+def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:
+    r = solution.robust
+    if r is None:
+        return None
+    return {
+        "loss": r.loss,
+        "scale_deg": math.degrees(r.scale),
+        "noise_deg": math.degrees(r.noise),
+        "threshold_deg": math.degrees(r.threshold),
+        "objective": r.objective,
+        "outliers": int(solution.is_outlier.sum()),
+        "verdicts": dict(Counter(r.edge_verdicts.tolist())),
+        "parts": r.num_parts,
+    }
 
 
 def _summary(solution: rotavg.Solution, read: float, total: float) -> dict[str, Any]:
@@ -164,6 +234,7 @@ def _summary(solution: rotavg.Solution, read: float, total: float) -> dict[str, 
             "relative_gap": c.relative_gap,
             "method": c.method,
         },
+        "robust": _robust(solution),
         "notes": list(solution.graph.notes),
         "seconds": {
             "read": read,

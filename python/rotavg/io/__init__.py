@@ -3,9 +3,11 @@
 A further format is one more file with a `Format` in it, listed in `formats.py`.
 """
 
+from rotavg.io.edges import write_edges
 from rotavg.io.formats import FORMATS, check_writable, read, write
 from rotavg.io.gravity import read_gravity, write_gravity
 from rotavg.io.registry import Format
+from rotavg.io.rotations import read_rotations
 
 __all__ = [
     "FORMATS",
@@ -13,6 +15,8 @@ __all__ = [
     "check_writable",
     "read",
     "read_gravity",
+    "read_rotations",
     "write",
+    "write_edges",
     "write_gravity",
 ]

@@ -43,6 +43,16 @@ constexpr double negligible_orthogonality_error = 2e-15;
 constexpr double min_weight = 1e-100;
 constexpr double max_weight = 1e100;
 
+/// @throws InvalidEdge if the weight of measurement k is out of bounds
+inline void check_weight(Index k, double weight) {
+  if (weight >= min_weight && weight <= max_weight) return;
+  std::ostringstream reason;
+  reason.precision(6);
+  reason << "found the weight " << weight << "; expected a number between " << min_weight << " and "
+         << max_weight;
+  throw InvalidEdge(k, reason.str());
+}
+
 /// The rotation of measurement k, snapped to the nearest rotation if rounding has moved it off.
 /// @throws InvalidEdge if an end meets itself, an entry is not finite, the matrix is not a rotation
 ///         (by more than max_orthogonality_error), or the weight is out of bounds
@@ -55,10 +65,7 @@ inline Matrix3 check_measurement(Index k, const RelativeRotation& m) {
   };
 
   if (m.i == m.j) refuse("it joins a node to itself; expected two different nodes");
-  if (!(m.weight >= min_weight && m.weight <= max_weight)) {
-    refuse("found the weight ", m.weight, "; expected a number between ", min_weight, " and ",
-           max_weight);
-  }
+  check_weight(k, m.weight);
   const Matrix3& R = m.i_from_j;
   if (!R.allFinite()) refuse("the rotation holds a NaN or an infinity");
   const double error = (R.transpose() * R - Matrix3::Identity()).cwiseAbs().maxCoeff();

@@ -45,7 +45,7 @@ struct QuaternionEdge {
 
 /// The measurement graph: n nodes and m weighted relative rotations, held as a list of edges and,
 /// in quaternions, as the block rows of the paper's symmetric matrix Rt (4). Parallel edges,
-/// several components and nodes without edges are allowed. Immutable.
+/// several components and nodes without edges are allowed. Immutable but for its weights.
 class MeasurementGraph {
  public:
   /// The block row of one node.
@@ -102,6 +102,29 @@ class MeasurementGraph {
     return {half_edges_.data() + row_start_[l], half_edges_.data() + row_start_[l + 1]};
   }
 
+  /// Gives the edges other weights (m,), in place: what depends on nodes and ends alone stays.
+  /// @throws InvalidEdge for a weight out of bounds, and then changes nothing
+  /// @throws std::invalid_argument unless there is one weight for each edge
+  void set_weights(const std::vector<double>& weights) {
+    if (weights.size() != edges_.size()) {
+      throw std::invalid_argument("found " + std::to_string(weights.size()) +
+                                  " weights; expected " + std::to_string(edges_.size()) +
+                                  ", one for each edge");
+    }
+    for (Index k = 0; k < num_edges(); ++k) check_weight(k, weights[k]);
+    for (Index k = 0; k < num_edges(); ++k) edges_[k].weight = weights[k];
+    sum_weights();
+    for (QuaternionEdge& e : quaternion_edges_) {
+      const auto k = static_cast<std::size_t>(&e - quaternion_edges_.data());
+      e.i_from_j.coeffs() *= std::sqrt(weights[k]) / e.i_from_j.norm();
+    }
+    for (HalfEdge& h : half_edges_) {
+      const WeightedQuaternion& i_from_j = quaternion_edges_[h.edge()].i_from_j;
+      h.node_from_l = i_from_j;
+      if (h.is_i()) h.node_from_l = i_from_j.conjugate();
+    }
+  }
+
   /// deg_l, the sum of the weights of the edges at node l.
   double degree(Index l) const { return degree_[l]; }
 
@@ -131,19 +154,26 @@ class MeasurementGraph {
     return row;
   }
 
-  void build_rows() {
-    const std::size_t n = nodes_.size();
-    row_start_.assign(n + 1, 0);
-    degree_.assign(n, 0.0);
-    total_weight_ = 0.0;
+  void sum_weights() {
+    degree_.assign(nodes_.size(), 0.0);
+    total_weight_ = max_weight_ = 0.0;
+    min_weight_ = std::numeric_limits<double>::infinity();
     for (const Edge& e : edges_) {
-      ++row_start_[e.i + 1];
-      ++row_start_[e.j + 1];
       degree_[e.i] += e.weight;
       degree_[e.j] += e.weight;
       total_weight_ += e.weight;
       min_weight_ = std::min(min_weight_, e.weight);
       max_weight_ = std::max(max_weight_, e.weight);
+    }
+  }
+
+  void build_rows() {
+    const std::size_t n = nodes_.size();
+    sum_weights();
+    row_start_.assign(n + 1, 0);
+    for (const Edge& e : edges_) {
+      ++row_start_[e.i + 1];
+      ++row_start_[e.j + 1];
     }
     for (std::size_t k = 0; k < n; ++k) row_start_[k + 1] += row_start_[k];
 

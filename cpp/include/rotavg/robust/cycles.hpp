@@ -1,0 +1,44 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/init/edge_support.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// What the short cycles through an edge say of it: those of three edges, and of two that are
+/// parallel (Zach, Klopschitz and Pollefeys 2010).
+struct CycleEvidence {
+  Index checked = 0;   ///< cycles that were looked at
+  Index agreeing = 0;  ///< of these, cycles whose rotations miss the identity by no more than the
+                       ///< threshold
+
+  /// Whether no cycle agrees, of the many there are: a good edge in a good neighbourhood has one.
+  bool refuted() const { return checked >= 3 && agreeing == 0; }
+  /// (agreeing + 1) / (checked + 2): the share, where there are few cycles near a half.
+  double share() const { return (agreeing + 1.0) / (checked + 2.0); }
+};
+
+/// The evidence for every edge (m,). Of an edge between well-connected nodes some evenly spread
+/// cycles are looked at, at least eight.
+///
+/// @param threshold radians, of the rotation around the whole cycle
+inline std::vector<CycleEvidence> cycle_evidence(const MeasurementGraph& graph, double threshold) {
+  const Detours detours(graph);
+  const double most = 2.0 * std::sin(0.25 * std::min(threshold, 3.141592653589793));
+  std::vector<CycleEvidence> evidence(graph.edges().size());
+  for (Index edge = 0; edge < graph.num_edges(); ++edge) {
+    CycleEvidence& e = evidence[edge];
+    detours.visit(edge, [&](double distance2, double) {
+      ++e.checked;
+      e.agreeing += distance2 <= most * most;
+    });
+  }
+  return evidence;
+}
+
+}  // namespace rotavg

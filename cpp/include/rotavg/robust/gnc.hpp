@@ -1,0 +1,59 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/robust/irls.hpp>
+#include <rotavg/robust/loss.hpp>
+#include <rotavg/solve/automatic.hpp>
+#include <rotavg/solve/options.hpp>
+#include <rotavg/solve/result.hpp>
+
+namespace rotavg {
+
+/// The surrogates of a bounded loss, from one that bends off slowly and is level only some four
+/// scales out, towards the loss itself: graduated non-convexity (Blake and Zisserman 1987; Yang,
+/// Antonante, Tzoumas and Carlone 2020, who also step mu by 1.4).
+inline std::vector<RobustLoss> graduation(const RobustLoss& loss) {
+  constexpr double step = 1.4, reach2 = 16.0;
+  std::vector<RobustLoss> surrogates;
+  for (double mu = reach2; mu > 1.0; mu /= step) {
+    RobustLoss surrogate = loss;
+    if (loss.kind == Loss::geman_mcclure) {
+      surrogate.scale *= std::sqrt(mu);  // mu c^2 x / (mu c^2 + x)
+    } else if (loss.kind == Loss::tls) {
+      surrogate.mu = 2.0 / mu;
+    } else {
+      break;
+    }
+    surrogates.push_back(surrogate);
+  }
+  return surrogates;
+}
+
+/// Graduated non-convexity: a reweighting or two for each surrogate, each from where the last one
+/// ended. While it lasts, the objective of the loss itself may rise; it is not reported. Losses
+/// that are not bounded have no surrogates.
+///
+/// @returns rotations from which irls() may go on, and how many reweightings were made
+inline IterationResult gnc(MeasurementGraph& graph, const std::vector<double>& weights,
+                           const Rotations& R, const RobustLoss& loss, const InnerSteps& inner,
+                           const IterationOptions& options) {
+  IterationResult result;
+  result.rotations = R;
+  for (const RobustLoss& surrogate : graduation(loss)) {
+    IterationOptions rest = remaining(options, result);
+    rest.max_iterations = std::min(rest.max_iterations, 2);
+    IterationResult next = irls(graph, weights, result.rotations, surrogate, inner, 0.0, rest);
+    next.iterations += result.iterations;
+    next.seconds += result.seconds;
+    result = std::move(next);
+    if (result.status == Status::stopped || result.status == Status::time_limit) break;
+  }
+  return result;
+}
+
+}  // namespace rotavg

@@ -1,0 +1,90 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/robust/loss.hpp>
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// Lets the neighbours of every node vote on its rotation: it takes that of its neighbours'
+/// estimates R_q R_ql which has the least robust cost among all of them, if that is clearly less
+/// than its own. Reweighted least squares move a node by small steps, and leave it where a few
+/// wrong edges hold it; this moves it straight to where most agree. The robust objective never
+/// rises.
+///
+/// @param weights (m,) of the edges; those in the graph are not used
+/// @param loss bounded, as geman_mcclure: a node with more than half of its weight on edges that
+///        it agrees with is left alone, since no other rotation can do better
+/// @param q world_from_i, changed in place, node after node
+/// @returns how many nodes moved
+inline Index vote_sweep(const MeasurementGraph& graph, const std::vector<double>& weights,
+                        const RobustLoss& loss, Quaternions& q) {
+  constexpr Index max_candidates = 48;
+  constexpr double clearly = 0.999;
+  std::vector<Vector4> estimates;
+  std::vector<double> w;
+  Index moved = 0;
+  for (Index l = 0; l < graph.num_nodes(); ++l) {
+    const auto row = graph.row(l);
+    const Index degree = row.size();
+    if (degree < 3) continue;
+    estimates.clear();
+    w.clear();
+    double total = 0.0;
+    for (const HalfEdge& h : row) {
+      estimates.push_back(product(q[h.node], h.node_from_l).normalized());
+      w.push_back(weights[h.edge()]);
+      total += w.back();
+    }
+    // r^2 = 4 (1 - s^2) for the cosine s of the angle between two quaternions
+    const auto cost = [&](const Vector4& p) {
+      double sum = 0.0;
+      for (Index k = 0; k < degree; ++k) {
+        const double s = p.dot(estimates[k]);
+        sum += w[k] * loss.rho(std::max(0.0, 4.0 * (1.0 - s * s)));
+      }
+      return sum;
+    };
+    const double most = loss.rho(4.0) * total;
+    double least = cost(q[l].coeffs());
+    if (least < 0.5 * most) continue;
+    least *= clearly;
+    const Index stride = (degree + max_candidates - 1) / max_candidates;
+    Index best = -1;
+    for (Index k = l % stride; k < degree; k += stride) {
+      const double cost_k = cost(estimates[k]);
+      if (cost_k < least) {
+        least = cost_k;
+        best = k;
+      }
+    }
+    if (best < 0) continue;
+    q[l] = Quaternion(estimates[best]);
+    ++moved;
+  }
+  return moved;
+}
+
+/// Some sweeps of votes, while nodes move.
+/// @returns how many moved, each as often as it did
+inline Index take_votes(const MeasurementGraph& graph, const std::vector<double>& weights,
+                        const RobustLoss& loss, Rotations& R) {
+  constexpr int max_sweeps = 3;
+  Quaternions q = to_quaternions(R);
+  Index moved = 0;
+  for (int k = 0; k < max_sweeps; ++k) {
+    const Index now = vote_sweep(graph, weights, loss, q);
+    moved += now;
+    if (now == 0) break;
+  }
+  R = to_rotations(q, R);
+  return moved;
+}
+
+}  // namespace rotavg

@@ -1,0 +1,41 @@
+#include <algorithm>
+#include <vector>
+
+#include <rotavg/graph/bridges.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/robust/cycles.hpp>
+
+#include "bindings.hpp"
+#include "convert.hpp"
+
+namespace rotavg_python {
+namespace {
+
+using rotavg::Index;
+using rotavg::MeasurementGraph;
+
+py::tuple cycle_evidence(const MeasurementGraph& graph, double threshold) {
+  const auto evidence = without_gil([&] { return rotavg::cycle_evidence(graph, threshold); });
+  std::vector<Index> checked, agreeing;
+  for (const rotavg::CycleEvidence& e : evidence) {
+    checked.push_back(e.checked);
+    agreeing.push_back(e.agreeing);
+  }
+  return py::make_tuple(from_vector(checked), from_vector(agreeing));
+}
+
+py::array_t<bool> bridges(const MeasurementGraph& graph) {
+  const std::vector<bool> is_bridge = without_gil([&] { return rotavg::bridges(graph); });
+  py::array_t<bool> result(static_cast<py::ssize_t>(is_bridge.size()));
+  std::copy(is_bridge.begin(), is_bridge.end(), result.mutable_data());
+  return result;
+}
+
+}  // namespace
+
+void bind_robust(py::module_& m) {
+  m.def("cycle_evidence", &cycle_evidence, py::arg("graph"), py::arg("threshold"));
+  m.def("bridges", &bridges, py::arg("graph"));
+}
+
+}  // namespace rotavg_python

@@ -1,0 +1,339 @@
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <vector>
+
+#include <doctest/doctest.h>
+
+#include <rotavg/rotavg.hpp>
+
+#include "support/graphs.hpp"
+#include "support/random.hpp"
+
+using namespace rotavg;
+using rotavg::test::Random;
+
+namespace {
+
+struct Contaminated {
+  MeasurementGraph graph;
+  Rotations truth;
+  std::vector<bool> is_wrong;
+};
+
+/// Measurements of random rotations, a share of them random instead.
+Contaminated contaminated(Random& random, const test::Pairs& pairs, double noise, double share) {
+  const Rotations truth = random.rotations(test::num_nodes(pairs));
+  auto measurements = test::measure(random, pairs, truth, noise);
+  std::vector<bool> is_wrong(measurements.size(), false);
+  for (std::size_t k = 0; k < measurements.size(); ++k) {
+    if (random.uniform(0.0, 1.0) >= share) continue;
+    measurements[k].i_from_j = random.rotation();
+    is_wrong[k] = true;
+  }
+  return {MeasurementGraph(measurements), truth, is_wrong};
+}
+
+/// The largest angle between two sets of rotations after those of node 0 were laid on each other.
+double largest_error(const Rotations& R, const Rotations& truth) {
+  double error = 0.0;
+  for (std::size_t i = 0; i < R.size(); ++i) {
+    error =
+        std::max(error, angle_between(truth[0].transpose() * truth[i], R[0].transpose() * R[i]));
+  }
+  return error;
+}
+
+}  // namespace
+
+TEST_CASE("set_weights is the graph made with these weights") {
+  Random random;
+  INFO(random.replay());
+  auto measurements = test::simulate(random, test::random_connected(random, 20, 40), 0.3);
+  MeasurementGraph graph(measurements);
+  std::vector<double> weights;
+  for (RelativeRotation& m : measurements) weights.push_back(m.weight = random.power_of_ten(-6, 3));
+  graph.set_weights(weights);
+  const MeasurementGraph anew(measurements);
+  CHECK(graph.total_weight() == anew.total_weight());
+  CHECK(graph.min_weight() == anew.min_weight());
+  CHECK(graph.max_weight() == anew.max_weight());
+  const Rotations R = random.rotations(20);
+  CHECK(objective(graph, R) == doctest::Approx(objective(anew, R)).epsilon(1e-13));
+  const auto g = gradient(graph, R), g_anew = gradient(anew, R);
+  for (Index i = 0; i < 20; ++i) {
+    CHECK(graph.degree(i) == anew.degree(i));
+    CHECK((g[i] - g_anew[i]).norm() <= 1e-12 * graph.degree(i));
+  }
+  weights[3] = -1.0;
+  CHECK_THROWS_AS(graph.set_weights(weights), InvalidEdge);
+  CHECK(graph.edges()[3].weight == measurements[3].weight);
+  CHECK_THROWS_AS(graph.set_weights({1.0}), std::invalid_argument);
+}
+
+TEST_CASE("the robust objective of l2 is f, and its gradient that of the weighted problem") {
+  Random random;
+  INFO(random.replay());
+  MeasurementGraph graph(test::simulate(random, test::complete(7), 0.6));
+  const Rotations R = random.rotations(7);
+  const std::vector<double> given = weights_of(graph);
+  std::vector<double> x;
+  const auto value = [&](const Rotations& at, const RobustLoss& loss) {
+    graph.set_weights(given);
+    squared_residuals(ResidualQuaternions(graph, to_quaternions(at), 1), x);
+    return robust_objective(given, x, loss, 1);
+  };
+  CHECK(value(R, {Loss::l2}) == doctest::Approx(objective(graph, R)).epsilon(1e-12));
+  for (const Loss kind : {Loss::huber, Loss::l1, Loss::l_half, Loss::cauchy, Loss::geman_mcclure}) {
+    const RobustLoss loss{kind, 0.3};
+    std::vector<double> weights;
+    value(R, loss);
+    robust_weights(given, x, loss, 1, weights);
+    graph.set_weights(weights);
+    const auto g = gradient(graph, R);
+    for (Index i = 0; i < 7; ++i) {
+      const Vector3 direction = random.direction();
+      constexpr double h = 1e-5;
+      Rotations plus = R, minus = R;
+      plus[i] = exp_so3(h * direction) * R[i];
+      minus[i] = exp_so3(-h * direction) * R[i];
+      const double slope = (value(plus, loss) - value(minus, loss)) / (2.0 * h);
+      CHECK(slope == doctest::Approx(g[i].dot(direction)).epsilon(1e-6).scale(1.0));
+    }
+  }
+}
+
+TEST_CASE("reweighting never lets the robust objective rise, with any inner solver") {
+  Random random;
+  INFO(random.replay());
+  const auto [graph, truth, is_wrong] =
+      contaminated(random, test::random_connected(random, 60, 300), 0.05, 0.3);
+  for (const Method method : {Method::bcd, Method::sum, Method::newton, Method::automatic}) {
+    for (const Loss kind :
+         {Loss::huber, Loss::l1, Loss::l_half, Loss::cauchy, Loss::geman_mcclure, Loss::tls}) {
+      CAPTURE(static_cast<int>(method));
+      CAPTURE(static_cast<int>(kind));
+      MeasurementGraph reweighted = graph;
+      IterationOptions options;
+      options.max_iterations = 30;
+      const IterationResult result =
+          irls(reweighted, weights_of(graph), random.rotations(60), {kind, 0.1},
+               inner_steps(reweighted, method, 1), 0.0, options);
+      REQUIRE(result.trace.size() > 2);
+      for (std::size_t k = 1; k < result.trace.size(); ++k) {
+        const double before = result.trace[k - 1].objective;
+        CHECK(result.trace[k].objective <= before * (1.0 + 1e-12));
+      }
+      CHECK(result.objective < result.trace.front().objective);
+    }
+  }
+}
+
+TEST_CASE("a sweep of votes never lets the objective rise, and frees a node that is held wrong") {
+  Random random;
+  INFO(random.replay());
+  const auto [graph, truth, is_wrong] = contaminated(random, test::complete(30), 0.02, 0.5);
+  const std::vector<double> weights = weights_of(graph);
+  const RobustLoss loss{Loss::geman_mcclure, 0.06};
+  Quaternions q = to_quaternions(truth);
+  for (Index i = 0; i < 10; ++i) q[i] = to_quaternion(random.rotation());
+  const auto value = [&] {
+    std::vector<double> x;
+    squared_residuals(ResidualQuaternions(graph, q, 1), x);
+    return robust_objective(weights, x, loss, 1);
+  };
+  const double before = value();
+  CHECK(vote_sweep(graph, weights, loss, q) >= 10);
+  CHECK(value() < before);
+  CHECK(largest_error(to_rotations(q), truth) < 0.3);
+  while (vote_sweep(graph, weights, loss, q) > 0) CHECK(value() < before);
+}
+
+TEST_CASE("solve_robust finds the truth behind wrong edges, names these, and proves the rest") {
+  Random random;
+  INFO(random.replay());
+  const auto [graph, truth, is_wrong] = contaminated(random, test::complete(40), 0.03, 0.4);
+  CHECK(largest_error(solve(graph).rotations, truth) > 0.1);
+  for (const Loss kind : {Loss::automatic, Loss::huber, Loss::l1, Loss::l_half, Loss::cauchy,
+                          Loss::geman_mcclure, Loss::tls}) {
+    CAPTURE(static_cast<int>(kind));
+    RobustOptions robust;
+    robust.loss = kind;
+    const RobustSolution solution = solve_robust(graph, {}, robust);
+    CHECK(is_converged(solution.status));
+    CHECK(solution.certificate.verdict == Verdict::proved);
+    CHECK(largest_error(solution.rotations, truth) < (kind == Loss::huber ? 0.12 : 0.06));
+    // What is certified is the problem with the final weights.
+    MeasurementGraph weighted = graph;
+    weighted.set_weights(solution.edge_weights);
+    CHECK(objective(weighted, solution.rotations) ==
+          doctest::Approx(solution.objective).epsilon(1e-9));
+    CHECK(certify(weighted, solution.rotations).verdict == Verdict::proved);
+    CHECK(solution.noise == doctest::Approx(0.03).epsilon(0.25));
+    for (std::size_t k = 1; k < solution.trace.size(); ++k) {
+      CHECK(solution.trace[k].objective <= solution.trace[k - 1].objective * (1.0 + 1e-12));
+    }
+    CHECK(solution.robust_objective <= solution.trace.back().objective * (1.0 + 1e-9));
+    Index missed = 0, accused = 0;
+    for (std::size_t k = 0; k < is_wrong.size(); ++k) {
+      const bool outlier = is_outlier(solution.verdicts.edges[k]);
+      missed += is_wrong[k] && !outlier;
+      accused += !is_wrong[k] && outlier;
+      CHECK(solution.edge_weights[k] >= 0.99e-6);
+      CHECK(solution.edge_weights[k] <= 1.0 + 1e-12);
+    }
+    CHECK(missed <= 8);    // random rotations can be right
+    CHECK(accused <= 16);  // 0.3 % of a normal distribution, and what fitting adds
+  }
+}
+
+TEST_CASE("without noise wrong edges leave no trace; a forest and single edges are met exactly") {
+  Random random;
+  INFO(random.replay());
+  const auto clean = contaminated(random, test::complete(20), 0.0, 0.3);
+  const RobustSolution solution = solve_robust(clean.graph);
+  CHECK(largest_error(solution.rotations, clean.truth) < 1e-5);
+  CHECK(solution.loss.scale > 0.0);
+
+  const MeasurementGraph tree(test::simulate(random, test::path(5), 0.1));
+  const RobustSolution exact = solve_robust(tree);
+  CHECK(exact.objective < 1e-20);
+  CHECK(exact.certificate.verdict == Verdict::proved);
+  for (const EdgeVerdict verdict : exact.verdicts.edges) CHECK(verdict == EdgeVerdict::bridge);
+  CHECK(*std::max_element(exact.verdicts.part.begin(), exact.verdicts.part.end()) == 0);
+}
+
+TEST_CASE("the results are the same bits for any number of threads") {
+  Random random;
+  INFO(random.replay());
+  const auto problem = contaminated(random, test::complete(70), 0.05, 0.3);
+  SolveOptions options;
+  options.iteration.num_threads = 1;
+  const RobustSolution one = solve_robust(problem.graph, options);
+  options.iteration.num_threads = 3;
+  const RobustSolution three = solve_robust(problem.graph, options);
+  CHECK(one.rotations == three.rotations);
+  CHECK(one.edge_weights == three.edge_weights);
+}
+
+TEST_CASE("two groups that only wrong edges join are weak parts, and stay one component") {
+  Random random;
+  INFO(random.replay());
+  const Rotations truth = random.rotations(16);
+  test::Pairs pairs;
+  for (Index i = 0; i < 8; ++i) {
+    for (Index j = i + 1; j < 8; ++j) {
+      pairs.emplace_back(i, j);
+      pairs.emplace_back(8 + i, 8 + j);
+    }
+  }
+  auto measurements = test::measure(random, pairs, truth, 0.01);
+  const std::size_t good = measurements.size();
+  for (Index i = 0; i < 6; ++i) measurements.push_back({i, 8 + i, random.rotation(), 1.0});
+  const MeasurementGraph graph(measurements);
+  const RobustSolution solution = solve_robust(graph);
+  CHECK(solution.components.size() == 1);
+  Index weak = 0;
+  for (std::size_t k = 0; k < measurements.size(); ++k) {
+    const EdgeVerdict verdict = solution.verdicts.edges[k];
+    if (k < good) CHECK(!is_outlier(verdict));
+    weak += verdict == EdgeVerdict::weak_part;
+  }
+  const auto& part = solution.verdicts.part;
+  const bool joined = part[0] == part[8];  // by an edge that happens to be met
+  CHECK(weak == (joined ? 0 : 6));
+  for (Index i = 1; i < 8; ++i) {
+    CHECK(part[i] == part[0]);
+    CHECK(part[8 + i] == part[8]);
+  }
+}
+
+TEST_CASE("bridges are the edges without which the graph has one component more") {
+  Random random;
+  INFO(random.replay());
+  for (int repeat = 0; repeat < 40; ++repeat) {
+    const Index n = 2 + random.below(12);
+    const auto measurements =
+        test::simulate(random, test::random_connected(random, n, random.below(n)), 0.0);
+    const MeasurementGraph graph(measurements);
+    const std::vector<bool> found = bridges(graph);
+    for (std::size_t k = 0; k < measurements.size(); ++k) {
+      std::vector<bool> holds(measurements.size(), true);
+      holds[k] = false;
+      const auto part = parts_joined_by(graph, holds);
+      CHECK(found[k] == (*std::max_element(part.begin(), part.end()) == 1));
+    }
+  }
+}
+
+TEST_CASE("cycle evidence counts the triangles of a small graph") {
+  const auto turn = [](double angle) { return exp_so3({0.0, 0.0, angle}); };
+  // 0-1-2 closes within 0.05; 0-1-3 misses by 0.5; 3-4 is in no triangle
+  const MeasurementGraph graph({{0, 1, turn(0.0)},
+                                {1, 2, turn(0.3)},
+                                {0, 2, turn(0.35)},
+                                {1, 3, turn(0.0)},
+                                {0, 3, turn(0.5)},
+                                {3, 4, turn(1.0)}});
+  const auto evidence = cycle_evidence(graph, 0.1);
+  CHECK(evidence[0].checked == 2);
+  CHECK(evidence[0].agreeing == 1);
+  CHECK(evidence[0].share() == 0.5);
+  CHECK(evidence[2].checked == 1);
+  CHECK(evidence[2].agreeing == 1);
+  CHECK(evidence[4].agreeing == 0);
+  CHECK(evidence[5].checked == 0);
+  CHECK(cycle_evidence(graph, 0.6)[0].agreeing == 2);
+  CHECK(cycle_evidence(graph, 0.04)[2].agreeing == 0);
+  CHECK(cycle_evidence(graph, 0.06)[2].agreeing == 1);
+}
+
+TEST_CASE("the cycle check leaves wrong edges out from the start") {
+  Random random;
+  INFO(random.replay());
+  const auto problem = contaminated(random, test::complete(30), 0.02, 0.2);
+  RobustOptions robust;
+  robust.cycle_threshold = 0.15;
+  const RobustSolution solution = solve_robust(problem.graph, {}, robust);
+  Index caught = 0, wrong = 0;
+  for (std::size_t k = 0; k < problem.is_wrong.size(); ++k) {
+    const bool refuted = solution.verdicts.edges[k] == EdgeVerdict::cycle_check;
+    if (refuted) CHECK(problem.is_wrong[k]);
+    if (refuted) CHECK(solution.edge_weights[k] <= 1.01e-6);
+    caught += refuted;
+    wrong += problem.is_wrong[k];
+  }
+  CHECK(caught > wrong / 2);
+  CHECK(largest_error(solution.rotations, problem.truth) < 0.04);
+}
+
+TEST_CASE("limits and callbacks stop a robust solution, and it says so") {
+  Random random;
+  INFO(random.replay());
+  const auto problem = contaminated(random, test::complete(30), 0.05, 0.4);
+  SolveOptions options;
+  options.iteration.max_iterations = 0;
+  CHECK(solve_robust(problem.graph, options).status == Status::iteration_limit);
+  options.iteration.max_iterations = 7;
+  const RobustSolution limited = solve_robust(problem.graph, options);
+  CHECK(limited.status == Status::iteration_limit);
+  CHECK(limited.iterations <= 7);
+  options.iteration.max_iterations = 20000;
+  options.iteration.time_limit = 0.0;
+  CHECK(solve_robust(problem.graph, options).status == Status::time_limit);
+  options.iteration.time_limit = 1e9;
+  int calls = 0, last = 0;
+  options.iteration.callback = [&](const Progress& progress) {
+    CHECK(progress.iteration >= last);
+    last = progress.iteration;
+    return ++calls < 9;
+  };
+  CHECK(solve_robust(problem.graph, options).status == Status::stopped);
+  CHECK(calls == 9);
+
+  RobustOptions robust;
+  robust.scale = -1.0;
+  CHECK_THROWS_AS(solve_robust(problem.graph, {}, robust), std::invalid_argument);
+  robust.scale = std::nan("");
+  CHECK_THROWS_AS(solve_robust(problem.graph, {}, robust), std::invalid_argument);
+}

@@ -1,0 +1,142 @@
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include <doctest/doctest.h>
+
+#include <rotavg/robust/gnc.hpp>
+#include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/scale.hpp>
+
+#include "support/random.hpp"
+
+using namespace rotavg;
+using rotavg::test::Random;
+
+namespace {
+
+std::vector<RobustLoss> all_losses() {
+  std::vector<RobustLoss> losses;
+  for (const double c : {1e-3, 0.1, 1.0}) {
+    for (const Loss kind : {Loss::l2, Loss::huber, Loss::l1, Loss::l_half, Loss::cauchy,
+                            Loss::geman_mcclure, Loss::tls}) {
+      losses.push_back({kind, c});
+    }
+    for (const double mu : {0.1, 1.0, 10.0}) losses.push_back({Loss::tls, c, mu});
+  }
+  return losses;
+}
+
+/// Residuals r about the scale c, away from the bends of huber and tls.
+std::vector<double> residuals_about(double c) {
+  std::vector<double> r;
+  for (const double z : {1e-3, 0.01, 0.11, 0.37, 0.73, 0.93, 1.07, 1.3, 2.7, 11.0, 300.0}) {
+    r.push_back(z * c);
+  }
+  return r;
+}
+
+}  // namespace
+
+TEST_CASE("the weight is rho'(r) / (2 r), by central differences") {
+  for (const RobustLoss& loss : all_losses()) {
+    for (const double r : residuals_about(loss.scale)) {
+      CAPTURE(static_cast<int>(loss.kind));
+      CAPTURE(loss.mu);
+      CAPTURE(r / loss.scale);
+      const double h = 1e-5 * r;
+      const double slope = (loss.rho((r + h) * (r + h)) - loss.rho((r - h) * (r - h))) / (2.0 * h);
+      // rounding of the difference, in units of 2 r
+      const double rounding = 1e-15 * loss.rho(r * r) / (h * r);
+      CHECK(std::abs(slope / (2.0 * r) - loss.weight(r * r)) <= 1e-8 + rounding);
+    }
+  }
+}
+
+TEST_CASE("losses are r^2 near zero, rise, and lie below the parabola that the weight promises") {
+  for (const RobustLoss& loss : all_losses()) {
+    CAPTURE(static_cast<int>(loss.kind));
+    const double c2 = loss.scale * loss.scale;
+    CHECK(loss.rho(0.0) == 0.0);
+    CHECK(loss.weight(0.0) == 1.0);
+    CHECK(loss.rho(1e-10 * c2) == doctest::Approx(1e-10 * c2).epsilon(1e-9));
+    double last = 0.0, last_weight = 1.0;
+    for (const double r : residuals_about(loss.scale)) {
+      const double x = r * r;
+      CHECK(loss.rho(x) >= last);
+      CHECK(loss.weight(x) <= last_weight);
+      CHECK(loss.weight(x) >= 0.0);
+      last = loss.rho(x);
+      last_weight = loss.weight(x);
+      // Concave in x: what makes reweighting a descent.
+      for (const double s : residuals_about(loss.scale)) {
+        const double y = s * s;
+        const double bound = loss.rho(x) + loss.weight(x) * (y - x);
+        CHECK(loss.rho(y) <= bound + 1e-12 * (loss.rho(x) + x + y));
+      }
+    }
+  }
+}
+
+TEST_CASE("losses far out, in closed form") {
+  const double c = 0.2, r = 1.7, x = r * r, z = x / (c * c);
+  CHECK(RobustLoss{Loss::huber, c}.rho(x) == doctest::Approx(2 * c * r - c * c));
+  CHECK(RobustLoss{Loss::l1, c}.rho(x) == doctest::Approx(2 * c * c * (std::sqrt(1 + z) - 1)));
+  CHECK(RobustLoss{Loss::l_half, c}.rho(x) ==
+        doctest::Approx(4 * c * c * (std::pow(1 + z, 0.25) - 1)));
+  CHECK(RobustLoss{Loss::cauchy, c}.rho(x) == doctest::Approx(c * c * std::log(1 + z)));
+  CHECK(RobustLoss{Loss::geman_mcclure, c}.rho(x) == doctest::Approx(c * c * x / (c * c + x)));
+  CHECK(RobustLoss{Loss::tls, c}.rho(x) == c * c);
+}
+
+TEST_CASE("graduation ends at the loss, and its surrogates come nearer to it") {
+  for (const Loss kind : {Loss::geman_mcclure, Loss::tls}) {
+    const RobustLoss loss{kind, 0.1};
+    const auto surrogates = graduation(loss);
+    REQUIRE(surrogates.size() >= 5);
+    for (const double r : {0.05, 0.15, 0.5}) {
+      double distance = std::numeric_limits<double>::infinity();
+      for (const RobustLoss& surrogate : surrogates) {
+        const double now = std::abs(surrogate.rho(r * r) - loss.rho(r * r));
+        CHECK(now <= distance + 1e-15);
+        distance = now;
+      }
+    }
+    // The first is nowhere sharper than that: in r, its second derivative is at least -2 mu where
+    // tls has a kink, and geman_mcclure's is positive as far out as a scale.
+    const RobustLoss& first = surrogates.front();
+    const double least = kind == Loss::tls ? -2.0 * first.mu : 0.0;
+    for (const double r : {0.02, 0.05, 0.09, 0.1}) {
+      constexpr double h = 1e-3;
+      const double second =
+          (first.rho((r + h) * (r + h)) - 2.0 * first.rho(r * r) + first.rho((r - h) * (r - h))) /
+          (h * h);
+      CHECK(second >= least - 1e-6);
+    }
+  }
+  CHECK(graduation({Loss::cauchy, 0.1}).empty());
+}
+
+TEST_CASE("the noise is found among many outliers, and nothing is found where there is none") {
+  Random random;
+  INFO(random.replay());
+  for (const double noise : {0.002, 0.05, 0.15}) {
+    for (const double outliers : {0.0, 0.3, 0.7}) {
+      std::vector<double> x;
+      for (int k = 0; k < 20000; ++k) {
+        const bool outlier = random.uniform(0.0, 1.0) < outliers;
+        const double angle =
+            outlier ? log_so3(random.rotation()).norm() : std::abs(noise * random.normal());
+        x.push_back(std::pow(2.0 * std::sin(0.5 * angle), 2));
+      }
+      CAPTURE(noise);
+      CAPTURE(outliers);
+      CHECK(noise_scale(x, 20000) == doctest::Approx(noise).epsilon(0.08));
+      // a quarter of the freedom: half of the residuals
+      CHECK(noise_scale(x, 5000) == doctest::Approx(2.0 * noise_scale(x, 20000)));
+    }
+  }
+  CHECK(noise_scale({}, 0) == least_noise);
+  CHECK(noise_scale({0.0, 0.0, 1e-30}, 3) == least_noise);
+  CHECK(noise_scale({0.1, 0.2}, 0) == least_noise);
+}
