@@ -8,6 +8,7 @@ import click
 
 import rotavg
 from rotavg.cli.convert import convert
+from rotavg.cli.images import images
 from rotavg.cli.info import info
 from rotavg.cli.simulate import simulate
 from rotavg.cli.solve import solve
@@ -31,7 +32,7 @@ def commands() -> None:
     """
 
 
-for command in (solve, info, simulate, convert):
+for command in (solve, info, simulate, convert, images):
     commands.add_command(command)
 
 

@@ -68,7 +68,12 @@ def write(
     atomic.write_bytes(path, chosen.write(path, graph_or_solution))
 
 
-def check_writable(path: str | os.PathLike[str]) -> None:
-    """Raise what `write` would raise for this path, as far as it can be told before the work."""
-    registry.by_suffix(FORMATS, Path(path))
+def check_writable(path: str | os.PathLike[str], sample: Writable | None = None) -> None:
+    """Raise what `write` would raise for this path, as far as it can be told before the work.
+
+    With a `sample` of what will be written also whether the format can hold it.
+    """
+    chosen = registry.by_suffix(FORMATS, Path(path))
     atomic.check_writable(Path(path))
+    if sample is not None:
+        chosen.write(Path(path), sample)
