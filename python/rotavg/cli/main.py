@@ -7,6 +7,7 @@ import sys
 import click
 
 import rotavg
+from rotavg.cli.colmap import colmap
 from rotavg.cli.convert import convert
 from rotavg.cli.images import images
 from rotavg.cli.info import info
@@ -32,7 +33,7 @@ def commands() -> None:
     """
 
 
-for command in (solve, info, simulate, convert, images):
+for command in (solve, info, simulate, convert, images, colmap):
     commands.add_command(command)
 
 

@@ -94,8 +94,8 @@ def reconstruct(
     if not images.is_dir():
         raise FileAccessError("cannot be read: there is no such folder", path=images)
     check_new_folder(output)
-    with tempfile.TemporaryDirectory(dir=output.parent, prefix=f".{output.name}.") as name:
-        folder = Path(name)
+    with tempfile.TemporaryDirectory(dir=output.parent, prefix=f".{output.name}.") as temporary:
+        folder = Path(temporary)
         measured = folder / "measured.db"
         copy_database(Path(database), measured)
         complete_poses(measured)
@@ -114,7 +114,7 @@ def reconstruct(
         if output.exists():
             output.rmdir()  # it is empty
         result.replace(output)
-    models = [Model(output / folder, *figures) for folder, *figures in found]
+    models = [Model(output / name, *figures) for name, figures in found]
     models.sort(key=lambda model: (-model.images, -model.points))
     return Reconstruction(models, solution, dropped)
 
@@ -142,7 +142,7 @@ def check_new_folder(output: Path) -> None:
 
 def _run_mapper(
     result: Path, images: Path, seed: int, num_threads: int | None
-) -> list[tuple[str, int, int, float]]:
+) -> list[tuple[str, tuple[int, int, float]]]:
     arguments = json.dumps([str(result), str(images.resolve()), seed, num_threads or -1])
     done = subprocess.run(
         [sys.executable, "-m", "rotavg.colmap.mapper", arguments],
@@ -154,7 +154,7 @@ def _run_mapper(
     if done.returncode != 0:
         last = "\n".join(done.stderr.strip().splitlines()[-5:])
         raise SolverError(f"COLMAP's mapper failed (exit status {done.returncode}):\n{last}")
-    return [tuple(model) for model in json.loads(done.stdout.splitlines()[-1])]
+    return [(name, tuple(figures)) for name, figures in json.loads(done.stdout.splitlines()[-1])]
 
 
 def _main(arguments: str) -> None:
@@ -167,13 +167,11 @@ def _main(arguments: str) -> None:
     )
     database = Path(result) / "database.db"
     models = pycolmap.global_mapping(database, images, result, options)
-    print(json.dumps([
-        (
-            str(k), model.num_reg_images(), model.num_points3D(),
-            model.compute_mean_reprojection_error(),
-        )
-        for k, model in models.items()
-    ]))  # fmt: skip
+    figures = [
+        (model.num_reg_images(), model.num_points3D(), model.compute_mean_reprojection_error())
+        for model in models.values()
+    ]
+    print(json.dumps(list(zip(map(str, models), figures))))
 
 
 if __name__ == "__main__":

@@ -41,11 +41,15 @@ def read_graph(database: str | os.PathLike[str]) -> MeasurementGraph:
     if not rows:
         expected = f"expected two-view geometries with a pose and {_MIN_INLIERS} inliers or more"
         raise FormatError(f"found no relative rotations, {expected}", path=path)
-    edges = [[names.get(image) for image in divmod(pair_id, _ID_FACTOR)] for pair_id, *_ in rows]
-    for pair, (pair_id, *_) in zip(edges, rows):
-        if None in pair:
-            found = f"found a pair of images {divmod(pair_id, _ID_FACTOR)}"
+    edges = []
+    for pair_id, *_ in rows:
+        ids = divmod(pair_id, _ID_FACTOR)
+        if not all(image in names for image in ids):
+            found = f"found a pair of the images {ids[0]} and {ids[1]}"
             raise FormatError(f"{found}, expected both among the images", path=path)
+        edges.append([str(names[image]) for image in ids])
+    if any(len(qvec) != 32 for *_, qvec in rows):
+        raise FormatError("found a qvec that is not four doubles", path=path)
     qvecs = [np.frombuffer(qvec) for *_, qvec in rows]
     return MeasurementGraph.from_quaternions(
         edges,
@@ -69,8 +73,8 @@ def write_rotations(
     image that it does not know, lose their two-view geometry. Relative translations stay as they
     are: directions in the second image's frame.
 
-    Returns the number of pairs that were contradicted. Raises FileAccessError if `output` is there already,
-    FormatError if `database` is not one of COLMAP's.
+    Returns the number of pairs that were contradicted. Raises FileAccessError if `output` is there
+    already, FormatError if `database` is not one of COLMAP's.
     """
     output = Path(output)
     if output.exists():
