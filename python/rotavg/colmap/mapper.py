@@ -19,7 +19,13 @@ from typing import Any
 import numpy as np
 
 import rotavg
-from rotavg.colmap.two_views import complete_poses, copy_database, read_graph, write_rotations
+from rotavg.colmap.two_views import (
+    complete_poses,
+    copy_database,
+    graph_of,
+    reading,
+    write_rotations,
+)
 from rotavg.errors import FileAccessError, OptionError, SolverError, require
 
 
@@ -99,7 +105,8 @@ def reconstruct(
         measured = folder / "measured.db"
         copy_database(Path(database), measured)
         complete_poses(measured)
-        graph = read_graph(measured)
+        with reading(measured) as connection:
+            graph = graph_of(connection, Path(database))
         solution = rotavg.solve(graph, num_threads=num_threads, **{**ROBUST, **solve_options})
         result = folder / "result"
         result.mkdir()

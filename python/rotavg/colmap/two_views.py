@@ -29,14 +29,18 @@ def read_graph(database: str | os.PathLike[str]) -> MeasurementGraph:
     Pairs with a relative rotation and at least 15 inliers count. The file is opened read-only.
     Raises FileAccessError or FormatError.
     """
-    path = Path(database)
-    with _reading(path) as connection:
-        names = dict(connection.execute("SELECT image_id, name FROM images"))
-        rows = connection.execute(
-            "SELECT pair_id, rows, config, qvec FROM two_view_geometries "
-            "WHERE qvec IS NOT NULL AND rows >= ? ORDER BY pair_id",
-            (_MIN_INLIERS,),
-        ).fetchall()
+    with reading(Path(database)) as connection:
+        return graph_of(connection, Path(database))
+
+
+def graph_of(connection: sqlite3.Connection, path: Path) -> MeasurementGraph:
+    """What `read_graph` reads, of an open database; `path` is named in errors."""
+    names = dict(connection.execute("SELECT image_id, name FROM images"))
+    rows = connection.execute(
+        "SELECT pair_id, rows, config, qvec FROM two_view_geometries "
+        "WHERE qvec IS NOT NULL AND rows >= ? ORDER BY pair_id",
+        (_MIN_INLIERS,),
+    ).fetchall()
     rows = [row for row in rows if row[2] not in _WITHOUT_ROTATION]
     if not rows:
         expected = f"expected two-view geometries with a pose and {_MIN_INLIERS} inliers or more"
@@ -108,7 +112,7 @@ def write_rotations(
 
 def copy_database(database: Path, output: Path) -> None:
     """Copy a database, what its log holds included; the original is opened read-only."""
-    with _reading(database) as source, closing(sqlite3.connect(output)) as copy:
+    with reading(database) as source, closing(sqlite3.connect(output)) as copy:
         source.backup(copy)
 
 
@@ -135,12 +139,14 @@ def complete_poses(database: Path) -> int:
 
 
 @contextmanager
-def _reading(path: Path) -> Iterator[sqlite3.Connection]:
+def reading(path: Path) -> Iterator[sqlite3.Connection]:
     """A COLMAP database opened read-only; what SQLite finds wrong is an error about the file."""
     if not path.is_file():
         raise FileAccessError("cannot be read: there is no such file", path=path)
     try:
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as opened:
+            for table in ("images", "two_view_geometries"):
+                opened.execute(f"SELECT 1 FROM {table} LIMIT 1")
             yield opened
     except sqlite3.Error as error:
         raise FormatError(f"found no COLMAP database: {error}", path=path) from error

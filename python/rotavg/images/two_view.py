@@ -69,29 +69,35 @@ def estimate(
     E = _essential_matrix(rays_i, rays_j, max_error, seed)
     if E is None:
         raise NoGeometryError("no essential matrix fits the matches")
-    best = _best_pose(_decompose(E), rays_i, rays_j, max_error)
-    _require_inliers(best, min_inliers)
-
+    support = int((np.abs(sampson_distances(E, rays_i, rays_j)) < max_error).sum())
     H = degenerate.homography(rays_i, rays_j, max_error, seed)
-    if H is None:
-        return best
-    flat = degenerate.transfer_errors(H, rays_i, rays_j) < max_error
-    if flat.sum() < _HOMOGRAPHY_SHARE * best.inliers.sum():
-        return best
-    turned, agree = degenerate.pure_rotation(H, flat, rays_i, rays_j, max_error)
-    if agree.sum() >= _HOMOGRAPHY_SHARE * best.inliers.sum():
-        turned_only = TwoView(turned, best.translation, agree, "rotation")
-        _require_inliers(turned_only, min_inliers)
-        return turned_only
-    return _planar(best, H, rays_i, rays_j, max_error)
+    if H is not None:
+        flat = degenerate.transfer_errors(H, rays_i, rays_j) < max_error
+        if flat.sum() < _HOMOGRAPHY_SHARE * support:
+            H = None
+        else:
+            # Before anything else, as without a baseline no point has a depth.
+            R, agree = degenerate.pure_rotation(H, flat, rays_i, rays_j, max_error)
+            if agree.sum() >= max(min_inliers, _HOMOGRAPHY_SHARE * support):
+                return TwoView(R, np.array([0.0, 0.0, 1.0]), agree, "rotation")
+    best = _best_pose(_decompose(E), rays_i, rays_j, max_error)
+    if H is not None:
+        best = _planar(best, H, rays_i, rays_j, max_error)
+    if best.inliers.sum() < min_inliers:
+        reason = f"too few inliers ({best.inliers.sum()} of {len(rays_i)} matches)"
+        raise NoGeometryError(reason)
+    return best
 
 
 def _planar(best: TwoView, H: Array, rays_i: Array, rays_j: Array, max_error: float) -> TwoView:
-    """Of a plane two poses may be left, both with all points in front; then nothing decides."""
+    """Of a plane two poses may be left, both with all points in front; then nothing decides.
+
+    Source: Longuet-Higgins 1986. Raises NoGeometryError then.
+    """
     poses = [best] + [
         _refined(R, t, rays_i, rays_j, max_error)
         for R, t in degenerate.decompose(H)
-        if in_front(R, t, rays_i[best.inliers], rays_j[best.inliers]).mean() > 0.5
+        if 2 * in_front(R, t, rays_i, rays_j)[best.inliers].sum() > best.inliers.sum()
     ]
     poses.sort(key=lambda pose: -int(pose.inliers.sum()))
     winner = poses[0]
@@ -127,11 +133,7 @@ def _decompose(E: Array) -> list[tuple[Array, Array]]:
 def _best_pose(
     poses: list[tuple[Array, Array]], rays_i: Array, rays_j: Array, max_error: float
 ) -> TwoView:
-    """The pose with the most inliers in front.
-
-    If the camera only turned, only the true R has any: with the other one, turned by pi about t,
-    each point is behind one of the cameras.
-    """
+    """The pose with the most inliers in front of both cameras, refined."""
     counts = [_inliers(R, t, rays_i, rays_j, max_error).sum() for R, t in poses]
     return _refined(*poses[int(np.argmax(counts))], rays_i, rays_j, max_error)
 
@@ -151,12 +153,6 @@ def _inliers(
 ) -> NDArray[np.bool_]:
     distances = sampson_distances(essential_matrix(R, t), rays_i, rays_j)
     return (np.abs(distances) < max_error) & in_front(R, t, rays_i, rays_j)
-
-
-def _require_inliers(pose: TwoView, min_inliers: int) -> None:
-    count, total = int(pose.inliers.sum()), len(pose.inliers)
-    if count < min_inliers:
-        raise NoGeometryError(f"too few inliers ({count} of {total} matches)")
 
 
 def _angle_deg(R1: Any, R2: Any) -> float:
