@@ -89,6 +89,7 @@ def test_written_rotations_are_consistent(database: Path, tmp_path: Path) -> Non
     copy = tmp_path / "copy.db"
     assert colmap.write_rotations(database, solution, copy) == 0
     assert database.read_bytes() == before
+    assert not list(database.parent.glob(f"{database.name}?*"))  # no log left beside it
     again = rotavg.solve(colmap.read_graph(copy))
     assert again.objective < 1e-20
     np.testing.assert_allclose(again.rotations, solution.rotations, atol=1e-12)

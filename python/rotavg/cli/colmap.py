@@ -50,6 +50,8 @@ def colmap(
       rotavg colmap database.db images -o scene --picture --threads 4
     """
     check_new_folder(output)
+    if picture:
+        rotavg.errors.require("matplotlib", "plot")
     with _waiting("reconstructing"):
         found = reconstruct(
             database,

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rotavg.conventions import quaternions_from_matrices
-from rotavg.errors import FileAccessError, require
+from rotavg.errors import require
 from rotavg.images import Measurement, Pair, Photograph
 from rotavg.images.epipolar import essential_matrix
+from rotavg.io.atomic import new_file
 
 
 def create_database(path: str | os.PathLike[str], measured: Measurement) -> None:
@@ -23,26 +23,17 @@ def create_database(path: str | os.PathLike[str], measured: Measurement) -> None
     already, MissingExtraError without pycolmap.
     """
     pycolmap = require("pycolmap", "colmap")
-    path = Path(path)
-    if path.exists():
-        raise FileAccessError("there is a file already", path=path)
-    try:
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
-            temporary = Path(folder) / "database.db"
-            database = pycolmap.Database.open(temporary)
-            _write_images(pycolmap, database, measured.photographs)
-            image_id = {photo.name: k for k, photo in enumerate(measured.photographs, 1)}
-            photographs = {photo.name: photo for photo in measured.photographs}
-            for pair in measured.pairs:
-                ids = image_id[pair.i], image_id[pair.j]
-                database.write_matches(*ids, pair.matches.astype(np.uint32))
-                geometry = _geometry(pycolmap, pair, photographs[pair.i], photographs[pair.j])
-                database.write_two_view_geometry(*ids, geometry)
-            database.close()
-            temporary.replace(path)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise FileAccessError(f"cannot be written: {reason}", path=path) from error
+    with new_file(Path(path)) as temporary:
+        database = pycolmap.Database.open(temporary)
+        _write_images(pycolmap, database, measured.photographs)
+        image_id = {photo.name: k for k, photo in enumerate(measured.photographs, 1)}
+        photographs = {photo.name: photo for photo in measured.photographs}
+        for pair in measured.pairs:
+            ids = image_id[pair.i], image_id[pair.j]
+            database.write_matches(*ids, pair.matches.astype(np.uint32))
+            geometry = _geometry(pycolmap, pair, photographs[pair.i], photographs[pair.j])
+            database.write_two_view_geometry(*ids, geometry)
+        database.close()
 
 
 def _write_images(pycolmap: Any, database: Any, photographs: list[Photograph]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sqlite3
-import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from rotavg.conventions import convert_family, quaternions_from_matrices, wxyz_from_xyzw
 from rotavg.errors import FileAccessError, FormatError, require
 from rotavg.graph import MeasurementGraph
+from rotavg.io.atomic import new_file
 from rotavg.io.registry import SolutionLike
 
 _ID_FACTOR = 2147483647  # pair_id = factor * smaller image id + larger image id
@@ -80,14 +80,10 @@ def write_rotations(
     Returns the number of pairs that were contradicted. Raises FileAccessError if `output` is there
     already, FormatError if `database` is not one of COLMAP's.
     """
-    output = Path(output)
-    if output.exists():
-        raise FileAccessError("there is a file already", path=output)
     camera_from_world = convert_family(np.asarray(solution.rotations, dtype=np.float64), "vision")
     row = {name: k for k, name in enumerate(solution.graph.nodes.tolist())}
     dropped = 0
-    with tempfile.TemporaryDirectory(dir=output.parent, prefix=f".{output.name}.") as folder:
-        temporary = Path(folder) / "database.db"
+    with new_file(Path(output)) as temporary:
         copy_database(Path(database), temporary)
         with closing(sqlite3.connect(temporary)) as copy:
             names = dict(copy.execute("SELECT image_id, name FROM images"))
@@ -106,7 +102,6 @@ def write_rotations(
                     dropped += 1
                 copy.execute("DELETE FROM two_view_geometries WHERE pair_id = ?", (pair_id,))
             copy.commit()
-        temporary.replace(output)
     return dropped
 
 
@@ -143,8 +138,11 @@ def reading(path: Path) -> Iterator[sqlite3.Connection]:
     """A COLMAP database opened read-only; what SQLite finds wrong is an error about the file."""
     if not path.is_file():
         raise FileAccessError("cannot be read: there is no such file", path=path)
+    # With nothing in its log, SQLite need not lay a log of its own beside somebody's file.
+    logs = [path.with_name(path.name + suffix) for suffix in ("-wal", "-journal")]
+    mode = "mode=ro" if any(log.exists() for log in logs) else "immutable=1"
     try:
-        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as opened:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?{mode}", uri=True)) as opened:
             for table in ("images", "two_view_geometries"):
                 opened.execute(f"SELECT 1 FROM {table} LIMIT 1")
             yield opened

@@ -49,7 +49,7 @@ class Photograph:
 def find_photographs(folder: Path) -> list[Path]:
     """The photographs in a folder, by name; FormatError where there are fewer than two."""
     try:
-        found = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+        found = sorted(path for path in folder.iterdir() if _is_photograph(path))
     except OSError as error:
         reason = error.strerror or str(error)
         raise FileAccessError(f"cannot be read: {reason}", path=folder) from error
@@ -58,6 +58,10 @@ def find_photographs(folder: Path) -> list[Path]:
         reason = f"found {len(found)} photographs in the folder, expected two or more ({known})"
         raise FormatError(reason, path=folder)
     return found
+
+
+def _is_photograph(path: Path) -> bool:
+    return path.suffix.lower() in SUFFIXES and path.is_file()
 
 
 def focal_length(path: Path) -> float:
@@ -75,7 +79,7 @@ def extract(
         width, height = image.size
         scale = min(1.0, max_size / max(width, height))
         try:
-            gray = image.convert("L")
+            gray = _gray(image)
         except (OSError, SyntaxError, ValueError) as error:
             raise FormatError(f"found a broken photograph: {error}", path=path) from error
     if scale < 1:
@@ -95,6 +99,14 @@ def extract(
         descriptors=_root(descriptors),
         scale=scale,
     )
+
+
+def _gray(image: Any) -> Any:
+    """The photograph in 8 bits; Pillow would cut 16 bits off, not divide them."""
+    if not image.mode.startswith("I"):
+        return image.convert("L")
+    pil = require("PIL.Image", "images")
+    return pil.fromarray((np.asarray(image) // 256).astype(np.uint8))
 
 
 def _root(descriptors: NDArray[Any]) -> NDArray[np.uint8]:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import secrets
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from rotavg.errors import FileAccessError
@@ -21,6 +24,28 @@ def write_bytes(path: Path, data: bytes) -> None:
             return
         target = Path(os.path.realpath(path))  # a link stays a link
         _replace(target, data)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise FileAccessError(f"cannot be written: {reason}", path=path) from error
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[Path]:
+    """A place to write a file that is moved to `path` in the end, if nothing went wrong.
+
+    For what other libraries write, SQLite's databases for one. Raises FileAccessError if there is
+    a file at `path` already, or on what the operating system refuses.
+    """
+    if path.exists():
+        raise FileAccessError("there is a file already", path=path)
+    check_writable(path)
+    try:
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name[:100]}.") as folder:
+            temporary = Path(folder) / path.name
+            yield temporary
+            temporary.replace(path)
+    except FileAccessError:
+        raise
     except OSError as error:
         reason = error.strerror or str(error)
         raise FileAccessError(f"cannot be written: {reason}", path=path) from error
