@@ -1,4 +1,4 @@
-"""Answers that another solver's certificate accepts, and that are not optimal: ours refuses them."""
+"""Answers that another solver's certificate accepts wrongly: ours refuses them."""
 
 from __future__ import annotations
 

@@ -389,7 +389,7 @@ def test_what_is_no_graph_is_refused(tmp_path: Path) -> None:
 def test_a_refuted_answer_gets_a_second_run_from_the_chordal_start() -> None:
     # So noisy that the tree leads into a local minimum.
     graph = rotavg.simulate("sphere", 1600, noise=0.25, seed=2).graph
-    tree = rotavg.solve(graph, init="shortest_path")
+    tree = rotavg.solve(graph, init="shortest_path", max_rank=0)  # without the staircase
     assert tree.status.converged
     assert not tree.solved
     best = rotavg.solve(graph)

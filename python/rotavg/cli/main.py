@@ -9,10 +9,12 @@ from typing import Any
 import click
 
 import rotavg
+from rotavg.cli.colmap import colmap
 from rotavg.cli.command import Commands
 from rotavg.cli.compare import compare
 from rotavg.cli.completion import completion
 from rotavg.cli.convert import convert
+from rotavg.cli.images import images
 from rotavg.cli.info import info
 from rotavg.cli.output import print_error
 from rotavg.cli.reproduce import reproduce
@@ -41,7 +43,10 @@ def commands() -> None:
     """
 
 
-for command in (solve, info, simulate, convert, compare, reproduce, completion):
+for command in (
+    *(solve, info, simulate, convert, compare),
+    *(images, colmap, reproduce, completion),
+):
     commands.add_command(command)
 
 

@@ -54,6 +54,14 @@ class _Sizes(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     "--sizes", type=_Sizes(),
     help="Numbers of nodes; a figure takes the first.  [default: 20,200 for table1]",
 )  # fmt: skip
+@click.option(
+    "--photographs", metavar="FOLDER", type=options.PATH,
+    help="Photographs, or folders of them (ET, kermit): needed for table2 and fig4.",
+)  # fmt: skip
+@click.option(
+    "--references", metavar="FOLDER", type=options.PATH,
+    help="Where NAME_glomap_rotations.txt are, to compare with.",
+)  # fmt: skip
 @click.option("--slow", is_flag=True, help="BCDSR above n = 200, too: hours. Tells how many first.")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the graphs.")
 @options.as_json
@@ -68,8 +76,9 @@ def reproduce(names: tuple[str, ...], folder: Path, as_json: bool, **settings: A
       rotavg reproduce table1
       rotavg reproduce all --runs 10 -o paper
       rotavg reproduce table1 --sizes 2000 --runs 1 --slow
+      rotavg reproduce table2 fig4 --photographs bundler_sfm/examples
     """
-    chosen = list(EXPERIMENTS) if "all" in names else list(dict.fromkeys(names))
+    chosen = _chosen(names, settings["photographs"] is not None)
     _make(folder)
     for name in chosen:
         check_writable(folder / f"{name}.json")
@@ -87,6 +96,17 @@ def reproduce(names: tuple[str, ...], folder: Path, as_json: bool, **settings: A
                 click.echo("wrote " + ", ".join(map(str, paths)), err=True)
     if as_json:
         print_json(found)
+
+
+def _chosen(names: tuple[str, ...], photographs: bool) -> list[str]:
+    """What to run; "all" leaves out what needs photographs where there are none, and says so."""
+    chosen = list(EXPERIMENTS) if "all" in names else list(dict.fromkeys(names))
+    missing = [] if photographs else [n for n in chosen if EXPERIMENTS[n].from_photographs]
+    if missing and "all" not in names:
+        raise click.UsageError(f"{missing[0]} starts from photographs: pass --photographs FOLDER")
+    if missing:
+        click.echo(f"left out: {', '.join(missing)}, which need --photographs FOLDER", err=True)
+    return [name for name in chosen if name not in missing]
 
 
 def _make(folder: Path) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from rotavg.errors import FileAccessError
@@ -42,6 +44,28 @@ def write_files(files: Mapping[Path, bytes]) -> None:
             ready.unlink(missing_ok=True)
         for folder in made:
             folder.rmdir()
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[Path]:
+    """A place to write a file that is moved to `path` in the end, if nothing went wrong.
+
+    For what other libraries write, SQLite's databases for one. Raises FileAccessError if there is
+    a file at `path` already, or on what the operating system refuses.
+    """
+    if path.exists():
+        raise FileAccessError("there is a file already", path=path)
+    check_writable(path)
+    try:
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name[:100]}.") as folder:
+            temporary = Path(folder) / path.name
+            yield temporary
+            temporary.replace(path)
+    except FileAccessError:
+        raise
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise FileAccessError(f"cannot be written: {reason}", path=path) from error
 
 
 def check_writable(path: Path) -> None:

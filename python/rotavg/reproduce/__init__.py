@@ -9,13 +9,13 @@ from pathlib import Path
 
 from rotavg.io import atomic
 from rotavg.json_text import json_text
-from rotavg.reproduce import fig2, fig3, fig5, table1
+from rotavg.reproduce import fig2, fig3, fig4, fig5, table1, table2
 from rotavg.reproduce.experiment import Experiment, Outcome, Settings
 
 __all__ = ["EXPERIMENTS", "Experiment", "Outcome", "Settings", "write"]
 
 EXPERIMENTS: dict[str, Experiment] = {
-    e.name: e for e in (table1.EXPERIMENT, fig2.EXPERIMENT, fig3.EXPERIMENT, fig5.EXPERIMENT)
+    module.EXPERIMENT.name: module.EXPERIMENT for module in (table1, table2, fig2, fig3, fig4, fig5)
 }
 
 

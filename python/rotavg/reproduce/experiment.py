@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 
@@ -21,6 +22,8 @@ class Settings:
         sizes: numbers of nodes; None for each experiment's own. A figure of one graph takes the
             first.
         slow: whether to run what takes hours, too.
+        photographs: a folder of them, or of folders of them, for what starts from photographs.
+        references: a folder of NAME_glomap_rotations.txt to compare with, if there is one.
         note: receives what a user has to know before the work starts.
         progress: receives what is being done now.
     """
@@ -29,6 +32,8 @@ class Settings:
     runs: int | None = None
     sizes: tuple[int, ...] | None = None
     slow: bool = False
+    photographs: Path | None = None
+    references: Path | None = None
     note: Callable[[str], None] = _ignore
     progress: Callable[[str], None] = _ignore
 
@@ -60,11 +65,13 @@ class Experiment:
         name: as the command line knows it.
         title: one line.
         run: does the work.
+        from_photographs: whether it needs `Settings.photographs`.
     """
 
     name: str
     title: str
     run: Callable[[Settings], Outcome]
+    from_photographs: bool = False
 
 
 def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -1,0 +1,111 @@
+"""`rotavg colmap`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+
+import rotavg
+from rotavg.cli import options
+from rotavg.cli.options import number
+from rotavg.cli.output import print_json, print_table
+from rotavg.colmap.draw import save_picture
+from rotavg.colmap.mapper import Reconstruction, check_new_folder, reconstruct
+
+
+@click.command()
+@click.argument("database", type=options.PATH)
+@click.argument("images", type=options.PATH)
+@click.option("-o", "--output", type=options.PATH, required=True, help="A folder, to be made.")
+@number("--max-residual", click.FloatRange(0, 180), 10.0, "Leave out pairs off by more, degrees.")
+@number("--seed", click.IntRange(0, 2**31 - 1), 0, "Of the mapper's random start.")
+@click.option("--threads", type=click.IntRange(1, 4096), help="Number of threads.  [default: all]")
+@click.option("--picture", is_flag=True, help="Also draw points and cameras: OUTPUT/picture.png.")
+@options.as_json
+def colmap(
+    database: Path,
+    images: Path,
+    output: Path,
+    max_residual: float,
+    threads: int | None,
+    picture: bool,
+    as_json: bool,
+    **settings: Any,
+) -> int:
+    """Reconstruct a scene: rotations by rotavg, positions and points by COLMAP's global mapper.
+
+    DATABASE is COLMAP's, with matches and two-view geometries (COLMAP's own, or those of
+    `rotavg images --database`), and is only read. IMAGES is the folder of the images. The output
+    folder gets COLMAP's models 0, 1, ..., the rotations that rotavg found, and the copy of the
+    database with consistent relative rotations. Needs pycolmap: pip install "rotavg[colmap]".
+
+    \b
+    Examples:
+      rotavg colmap photographs.db photographs -o scene
+      rotavg colmap database.db images -o scene --picture --threads 4
+    """
+    check_new_folder(output)
+    if picture:
+        rotavg.errors.require("matplotlib", "plot")
+    with _waiting("reconstructing"):
+        found = reconstruct(
+            database,
+            images,
+            output,
+            max_residual=float(np.radians(max_residual)),
+            num_threads=threads,
+            **settings,
+        )
+    rotavg.write(output / "rotations.npz", found.solution)
+    if picture:
+        save_picture(found.models[0].path, output / "picture.png")
+    if as_json:
+        print_json(_summary(found))
+    else:
+        print_table(_rows(found))
+        click.echo(f"wrote {output}", err=True)
+    return 0
+
+
+def _waiting(text: str) -> Any:
+    """A sign of life on stderr; nothing where that is no terminal."""
+    return Console(stderr=True, quiet=not sys.stderr.isatty()).status(text)
+
+
+def _summary(found: Reconstruction) -> dict[str, Any]:
+    solution = found.solution
+    return {
+        "models": [
+            {
+                "path": str(model.path), "images": model.images, "points": model.points,
+                "reprojection_error": model.reprojection_error,
+            }
+            for model in found.models
+        ],
+        "nodes": solution.graph.num_nodes,
+        "edges": solution.graph.num_edges,
+        "dropped": found.dropped,
+        "objective": solution.objective,
+        "verdict": None if solution.certificate is None else solution.certificate.verdict.value,
+    }  # fmt: skip
+
+
+def _rows(found: Reconstruction) -> list[tuple[str, str]]:
+    solution = found.solution
+    degrees = np.degrees(solution.residual_angles)
+    rows = [
+        ("rotations", f"{solution.graph.num_nodes}, from {solution.graph.num_edges} pairs"),
+        ("residuals", f"median {np.median(degrees):.3g} deg, largest {degrees.max():.3g}"),
+        ("left out", f"{found.dropped} pairs that contradict them"),
+    ]
+    if solution.certificate is not None:
+        rows.insert(1, ("verdict", solution.certificate.verdict.sentence))
+    for model in found.models:
+        text = f"{model.images} images, {model.points} points, mean reprojection error "
+        rows.append((f"model {model.path.name}", f"{text}{model.reprojection_error:.3g} pixels"))
+    return rows
