@@ -24,7 +24,7 @@ from rotavg.errors import (
 )
 from rotavg.graph import MeasurementGraph
 from rotavg.hardness import Hardness, hardness
-from rotavg.io import read, read_rotations, write, write_edges
+from rotavg.io import read, read_rotations, write, write_covariances, write_edges
 from rotavg.positions import positions
 from rotavg.robust import CycleEvidence, RobustFit, cycle_evidence
 from rotavg.simulate import Simulation, simulate
@@ -77,5 +77,6 @@ __all__ = [
     "simulate",
     "solve",
     "write",
+    "write_covariances",
     "write_edges",
 ]

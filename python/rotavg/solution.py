@@ -8,12 +8,13 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core, conventions
 from rotavg.arrays import read_only
 from rotavg.errors import GraphError
 from rotavg.robust import RobustFit, bridges, contamination
+from rotavg.uncertainty import Frame, covariances
 
 if TYPE_CHECKING:
     from rotavg.graph import MeasurementGraph
@@ -219,6 +220,41 @@ class Solution:
         """(m,) whether the edge's verdict is that of an outlier."""
         return read_only(~np.isin(self.edge_verdicts, ("inlier", "bridge")))
 
+    def covariances(
+        self,
+        pairs: ArrayLike | None = None,
+        *,
+        noise_variance: float | None = None,
+        frame: Frame = "world",
+    ) -> NDArray[np.float64]:
+        """Covariances (k, 3, 3), radians^2, of the errors of the rotations, to first order.
+
+        The error is the rotation vector w with R = exp([w]) R_true (docs/uncertainty.md): of every
+        node relative to the first node of its component, which is held and has zero; or of chosen
+        pairs (i, j), that of R_j as seen from i, the covariance of w_j - w_i, whatever is held.
+        They come from the inverse of the Hessian by selected inversion, and hold where the noise is
+        small and independent, the same in all directions, and its variance inverse to the weight.
+        With a robust loss the edges that are no outliers count with their given weights.
+
+        Args:
+            pairs: (k, 2) node ids, the nodes of each pair in one component; None for all nodes
+                relative to the gauge, (n, 3, 3).
+            noise_variance: per axis of the noise of an edge of weight 1: 1 where the weights are
+                inverse variances, radians^-2; a half for the kappa of g2o files; None to
+                estimate it from the residuals.
+            frame: of w: "world", or "node" for R = R_true exp([w]), of a pair that of its second.
+
+        Raises:
+            SolverError: the rotations are no strict minimum; or the noise cannot be estimated, as
+                there are no cycles.
+            GraphError: an unknown node, or a pair in two components.
+            OptionError: an option out of range.
+        """
+        found = read_only(covariances(self, pairs, noise_variance, frame))
+        if pairs is None and frame == "world":
+            self.__dict__["_covariances"] = found  # for files and reports
+        return found
+
     @property
     def solved(self) -> bool:
         """Whether the answer is certified; converged, if no certificate was asked for."""
@@ -265,6 +301,11 @@ class Solution:
         ]
         if self.num_components > 1:
             rows.append(("components", f"{self.num_components}, each with a gauge of its own"))
+        known = self.__dict__.get("_covariances")
+        if known is not None:
+            rms = np.degrees(np.sqrt(np.trace(known, axis1=1, axis2=2)))
+            about = f"median {np.median(rms):.3g} deg, largest {rms.max():.3g}"
+            rows.append(("uncertainty", f"{about} (RMS angle relative to the gauge)"))
         if self.robust is not None:
             rows += self.robust.rows(self.num_components)
         elif (advice := contamination(self.residual_angles, self.graph.weights)) is not None:
