@@ -2,6 +2,8 @@
 #include <utility>
 #include <vector>
 
+#include <pybind11/stl.h>
+
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/uncertainty/covariance.hpp>
 
@@ -34,8 +36,9 @@ std::vector<rotavg::NodePair> node_pairs(const IndexArray& array, Index num_node
 
 /// @returns the covariances (k, 3, 3), or None where f has no strict minimum
 py::object covariances(const MeasurementGraph& graph, const DoubleArray& rotations,
-                       const IndexArray& pairs, double noise_variance, const IndexArray& held_nodes,
-                       const DoubleArray& free_axes, int num_threads) {
+                       const IndexArray& pairs, double noise_variance,
+                       const std::vector<Index>& held_nodes, const std::vector<Index>& turn_of,
+                       const DoubleArray& axis, int num_threads) {
   const auto R = rotavg::checked_rotations(graph, to_rotations(rotations, "rotations"));
   const auto wanted = node_pairs(pairs, graph.num_nodes());
   SignalCheck signals;
@@ -43,9 +46,11 @@ py::object covariances(const MeasurementGraph& graph, const DoubleArray& rotatio
   options.noise_variance = noise_variance;
   options.num_threads = num_threads;
   options.keep_going = signals.keep_going();
-  for (py::ssize_t k = 0; k < held_nodes.size(); ++k) {
-    options.free_turns.push_back({held_nodes.at(k), rotavg::Vector3(free_axes.data(k, 0))});
+  if (axis.size() != 3) throw std::invalid_argument("the axis must have three entries");
+  for (const Index node : held_nodes) {
+    options.free_turns.push_back({node, rotavg::Vector3(axis.data())});
   }
+  options.turn_of = turn_of;
   const auto result = without_gil([&] { return rotavg::covariances(graph, R, wanted, options); });
   signals.rethrow();
   if (result.status != rotavg::CovarianceStatus::computed) return py::none();
@@ -56,8 +61,8 @@ py::object covariances(const MeasurementGraph& graph, const DoubleArray& rotatio
 
 void bind_uncertainty(py::module_& m) {
   m.def("covariances", &covariances, py::arg("graph"), py::arg("rotations"), py::arg("pairs"),
-        py::kw_only(), py::arg("noise_variance"), py::arg("held_nodes"), py::arg("free_axes"),
-        py::arg("num_threads"));
+        py::kw_only(), py::arg("noise_variance"), py::arg("held_nodes"), py::arg("turn_of"),
+        py::arg("axis"), py::arg("num_threads"));
 }
 
 }  // namespace rotavg_python

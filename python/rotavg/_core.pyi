@@ -90,8 +90,9 @@ def covariances(
     pairs: NDArray[np.int32],
     *,
     noise_variance: float,
-    held_nodes: NDArray[np.int32],
-    free_axes: NDArray[np.float64],
+    held_nodes: list[int],
+    turn_of: list[int],
+    axis: NDArray[np.float64],
     num_threads: int,
 ) -> NDArray[np.float64] | None: ...
 def loso(matrices: NDArray[np.float64]) -> NDArray[np.float64]: ...

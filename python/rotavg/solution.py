@@ -18,6 +18,7 @@ from rotavg.uncertainty import Frame, covariances
 
 if TYPE_CHECKING:
     from rotavg.graph import MeasurementGraph
+    from rotavg.grounded import Grounded
 
 
 class Status(enum.Enum):
@@ -163,6 +164,9 @@ class Solution:
         robust: with a robust loss, what came of it; None for "l2". `objective`, the gradient and
             the certificate are then those of the problem with the final `edge_weights`, and
             `trace` is that of the robust objective at its final scale, which never rises.
+        grounded: with priors, the problem that was solved: that of the measurements and the
+            priors, whose figures `objective`, the gradient and the certificate are. The world
+            is then no free gauge, and its component has the label 0.
     """
 
     graph: MeasurementGraph
@@ -180,6 +184,7 @@ class Solution:
     certificate: Certificate | None
     component: NDArray[np.int32]
     robust: RobustFit | None = None
+    grounded: Grounded | None = None
 
     def __getitem__(self, node: int | str) -> NDArray[np.float64]:
         """Rotation (3, 3), world_from_node, of the node with this id; GraphError without one."""
@@ -301,6 +306,8 @@ class Solution:
         ]
         if self.num_components > 1:
             rows.append(("components", f"{self.num_components}, each with a gauge of its own"))
+        if self.grounded is not None:
+            rows += self.grounded.rows(self.rotations)
         known = self.__dict__.get("_covariances")
         if known is not None:
             rms = np.degrees(np.sqrt(np.trace(known, axis1=1, axis2=2)))

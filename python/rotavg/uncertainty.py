@@ -23,18 +23,34 @@ def covariances(
     """See `Solution.covariances`."""
     if frame not in ("world", "node"):
         raise OptionError(f"frame is {frame!r}, expected 'world' or 'node'")
-    rows = _rows_with_gauge(solution) if pairs is None else _rows(solution, pairs)
-    graph = solution.graph
+    rows = None if pairs is None else _rows(solution, pairs)
+    graph, grounded = solution.graph, solution.grounded
     if solution.robust is not None:
         # What is distrusted counts for nothing, but keeps the parts of the graph together.
         graph = graph.with_weights(graph.weights * np.where(solution.is_outlier, 1e-6, 1.0))
+    rotations = solution.rotations
+    held: list[int] = []
+    turn = np.empty(0, dtype=np.int32)
+    places = np.arange(graph.num_nodes)
+    if grounded is not None:
+        grounded = grounded.with_weights(graph.weights)
+        graph, rotations, places = grounded.graph, grounded.rows_of(rotations), grounded.row
+        turn = grounded.turn
+        held = np.unique(turn, return_index=True)[1][1:].tolist()  # the world has -1
+    if rows is None:
+        label = graph.components()
+        first = np.unique(label, return_index=True)[1]
+        wanted = np.stack([first[label[places]], places], axis=1)
+    else:
+        wanted = places[rows]
     found = _core.covariances(
         graph._core,
-        solution.rotations,
-        np.ascontiguousarray(rows, dtype=np.int32),
+        rotations,
+        np.ascontiguousarray(wanted, dtype=np.int32),
         noise_variance=_noise_variance(solution, noise_variance),
-        held_nodes=np.empty(0, dtype=np.int32),
-        free_axes=np.empty((0, 3)),
+        held_nodes=held,
+        turn_of=turn.tolist(),
+        axis=np.zeros(3) if grounded is None else grounded.priors.down,
         num_threads=1,
     )
     if found is None:
@@ -43,7 +59,7 @@ def covariances(
             "definite), so that they have no covariances"
         )
     if frame == "node":
-        R = solution.rotations[rows[:, 1]]
+        R = solution.rotations if rows is None else solution.rotations[rows[:, 1]]
         found = np.swapaxes(R, 1, 2) @ found @ R
     return found
 
@@ -55,6 +71,13 @@ def estimated_noise_variance(solution: Solution) -> float:
     robust loss of the edges that are no outliers, and of the parts that they hold together.
     """
     trusted = ~solution.is_outlier
+    if solution.grounded is not None:
+        grounded = solution.grounded
+        costs = grounded.costs(solution.rotations)
+        distrusted = np.flatnonzero(~trusted[grounded.kept])  # the measurements come first
+        costs[distrusted] = 0
+        freedom = grounded.freedom - 3 * len(distrusted)
+        return float(costs.sum() / (2 * freedom)) if freedom > 0 else float("nan")
     parts = solution.num_components if solution.robust is None else solution.robust.num_parts
     freedom = 3 * (int(trusted.sum()) - solution.graph.num_nodes + parts)
     if freedom <= 0:
@@ -75,12 +98,6 @@ def _noise_variance(solution: Solution, given: float | None) -> float:
             "cannot be estimated: give noise_variance, that of an edge of weight 1"
         )
     return estimate
-
-
-def _rows_with_gauge(solution: Solution) -> NDArray[np.int64]:
-    """(n, 2): the first node of each node's component, and the node."""
-    first = np.unique(solution.component, return_index=True)[1]
-    return np.stack([first[solution.component], np.arange(solution.graph.num_nodes)], axis=1)
 
 
 def _rows(solution: Solution, pairs: ArrayLike) -> NDArray[np.int64]:

@@ -33,18 +33,19 @@ enum class CovarianceStatus {
   stopped,
 };
 
-/// A direction in which the whole of a component may turn, all but its root, without a change of f:
-/// about this axis in the global frame. (Gravity leaves the heading open.) The turn of `node`
+/// A way in which f is flat: some nodes of a component, its root not among them, may turn together
+/// about an axis in the global frame. (Gravity leaves the heading open.) The turn of one of them
 /// about it is then held as well.
 struct FreeTurn {
-  Index node;
+  Index held;    ///< that node
   Vector3 axis;  ///< of length 1
 };
 
 struct CovarianceOptions {
   /// Of the noise of an edge of weight 1, per axis, radians^2.
   double noise_variance = 1.0;
-  std::vector<FreeTurn> free_turns;  ///< at most one for each component
+  std::vector<FreeTurn> free_turns;
+  std::vector<Index> turn_of;  ///< (n,) free turn that a node takes part in, or -1; may be empty
   int num_threads = 1;
   std::function<bool()> keep_going;  ///< false stops
 };
@@ -74,16 +75,14 @@ namespace detail {
 /// The covariances of some pairs of one component.
 class ComponentCovariances {
  public:
-  /// @param residuals, components must outlive this object
+  /// @param residuals, components, options must outlive this object
   ComponentCovariances(const ResidualQuaternions& residuals, const Components& components,
                        Index component, const CovarianceOptions& options)
       : residuals_(residuals),
         components_(components),
         elimination_(residuals.graph(), components, component),
+        options_(options),
         scale_(4.0 * options.noise_variance) {
-    for (const FreeTurn& turn : options.free_turns) {
-      if (components.label[turn.node] == component) turn_ = &turn;
-    }
     double bytes = 0.0;  // of the factor and of the inverse
     for (const auto& s : elimination_.symbolic()->supernodes()) {
       bytes += 2.0 * 9.0 * sizeof(double) * static_cast<double>(s.rows()) * s.columns();
@@ -102,7 +101,7 @@ class ComponentCovariances {
                               const std::function<bool()>& keep_going,
                               std::vector<Matrix3>& result) {
     auto H = hessian_blocks(residuals_, elimination_);
-    hold_turn(H);
+    hold_turns(H);
     BlockCholesky<3> cholesky(elimination_.symbolic());
     switch (cholesky.factorize(H, 0.0, keep_going)) {
       case CholeskyOutcome::not_positive_definite:
@@ -139,7 +138,7 @@ class ComponentCovariances {
         cross = columns.middleRows<3>(3 * b);
       }
       const Matrix3 sum = marginal(a) + marginal(b) - cross - cross.transpose();
-      result[k] = scale_ * (0.5 * (sum + sum.transpose()) - turn_share(a, b));
+      result[k] = scale_ * (0.5 * (sum + sum.transpose()) - share_of_turns(pairs[k]));
     }
     return CovarianceStatus::computed;
   }
@@ -150,25 +149,36 @@ class ComponentCovariances {
     return components_.row_in_component[node] - elimination_.skipped();
   }
 
-  /// With n the free turn, H n = 0. H + k a a^T, with a the axis at the node that is held, has the
-  /// inverse G + n n^T / k, G that of H where the node does not turn about the axis.
-  void hold_turn(BlockCholesky<3>::Blocks& H) {
-    if (turn_ == nullptr) return;
-    const Index held = row_of(turn_->node);
-    stiffness_ = residuals_.graph().degree(turn_->node);
-    H[elimination_.pattern().start[held]] += stiffness_ * turn_->axis * turn_->axis.transpose();
+  /// With t a free turn, H t = 0. H + k a a^T, with a the axis at the node that is held, has the
+  /// inverse G + t t^T / k, G that of H where this node does not turn about the axis.
+  void hold_turns(BlockCholesky<3>::Blocks& H) {
+    for (const FreeTurn& turn : options_.free_turns) {
+      if (components_.label[turn.held] != elimination_.component()) continue;
+      H[elimination_.pattern().start[row_of(turn.held)]] +=
+          stiffness(turn) * turn.axis * turn.axis.transpose();
+    }
   }
-  /// What n n^T / k adds to a pair: nothing unless one of the two is the root.
-  Matrix3 turn_share(Index a, Index b) const {
-    if (turn_ == nullptr || (a >= 0) == (b >= 0)) return Matrix3::Zero();
-    return turn_->axis * turn_->axis.transpose() / stiffness_;
+  double stiffness(const FreeTurn& turn) const { return residuals_.graph().degree(turn.held); }
+
+  /// What the sum of all t t^T / k adds to a pair: nothing where both turn together.
+  Matrix3 share_of_turns(const NodePair& pair) const {
+    Matrix3 share = Matrix3::Zero();
+    if (options_.turn_of.empty()) return share;
+    const Index a = options_.turn_of[pair.base], b = options_.turn_of[pair.node];
+    if (a == b) return share;
+    for (const Index k : {a, b}) {
+      if (k < 0) continue;
+      const FreeTurn& turn = options_.free_turns[k];
+      share += turn.axis * turn.axis.transpose() / stiffness(turn);
+    }
+    return share;
   }
 
   const ResidualQuaternions& residuals_;
   const Components& components_;
   Elimination elimination_;
-  double scale_, stiffness_ = 0.0;
-  const FreeTurn* turn_ = nullptr;
+  const CovarianceOptions& options_;
+  double scale_;
 };
 
 }  // namespace detail
