@@ -8,5 +8,6 @@ void bind_graph(pybind11::module_& m);
 void bind_solve(pybind11::module_& m);
 void bind_certify(pybind11::module_& m);
 void bind_robust(pybind11::module_& m);
+void bind_uncertainty(pybind11::module_& m);
 
 }  // namespace rotavg_python

@@ -24,8 +24,9 @@ from rotavg.errors import (
 )
 from rotavg.graph import MeasurementGraph
 from rotavg.hardness import Hardness, hardness
-from rotavg.io import read, read_rotations, write, write_edges
+from rotavg.io import read, read_rotations, write, write_covariances, write_edges
 from rotavg.positions import positions
+from rotavg.priors import Priors
 from rotavg.robust import CycleEvidence, RobustFit, cycle_evidence
 from rotavg.simulate import Simulation, simulate
 from rotavg.solution import (
@@ -54,6 +55,7 @@ __all__ = [
     "MeasurementGraph",
     "MissingExtraError",
     "OptionError",
+    "Priors",
     "Progress",
     "RelativeTranslations",
     "RobustFit",
@@ -77,5 +79,6 @@ __all__ = [
     "simulate",
     "solve",
     "write",
+    "write_covariances",
     "write_edges",
 ]

@@ -8,15 +8,17 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core, conventions
 from rotavg.arrays import read_only
 from rotavg.errors import GraphError
 from rotavg.robust import RobustFit, bridges, contamination
+from rotavg.uncertainty import Frame, covariances
 
 if TYPE_CHECKING:
     from rotavg.graph import MeasurementGraph
+    from rotavg.grounded import Grounded
 
 
 class Status(enum.Enum):
@@ -162,6 +164,9 @@ class Solution:
         robust: with a robust loss, what came of it; None for "l2". `objective`, the gradient and
             the certificate are then those of the problem with the final `edge_weights`, and
             `trace` is that of the robust objective at its final scale, which never rises.
+        grounded: with priors, the problem that was solved: that of the measurements and the
+            priors, whose figures `objective`, the gradient and the certificate are. The world
+            is then no free gauge, and its component has the label 0.
     """
 
     graph: MeasurementGraph
@@ -179,6 +184,7 @@ class Solution:
     certificate: Certificate | None
     component: NDArray[np.int32]
     robust: RobustFit | None = None
+    grounded: Grounded | None = None
 
     def __getitem__(self, node: int | str) -> NDArray[np.float64]:
         """Rotation (3, 3), world_from_node, of the node with this id; GraphError without one."""
@@ -218,6 +224,41 @@ class Solution:
     def is_outlier(self) -> NDArray[np.bool_]:
         """(m,) whether the edge's verdict is that of an outlier."""
         return read_only(~np.isin(self.edge_verdicts, ("inlier", "bridge")))
+
+    def covariances(
+        self,
+        pairs: ArrayLike | None = None,
+        *,
+        noise_variance: float | None = None,
+        frame: Frame = "world",
+    ) -> NDArray[np.float64]:
+        """Covariances (k, 3, 3), radians^2, of the errors of the rotations, to first order.
+
+        The error is the rotation vector w with R = exp([w]) R_true (docs/uncertainty.md): of every
+        node relative to the first node of its component, which is held and has zero; or of chosen
+        pairs (i, j), that of R_j as seen from i, the covariance of w_j - w_i, whatever is held.
+        They come from the inverse of the Hessian by selected inversion, and hold where the noise is
+        small and independent, the same in all directions, and its variance inverse to the weight.
+        With a robust loss the edges that are no outliers count with their given weights.
+
+        Args:
+            pairs: (k, 2) node ids, the nodes of each pair in one component; None for all nodes
+                relative to the gauge, (n, 3, 3).
+            noise_variance: per axis of the noise of an edge of weight 1: 1 where the weights are
+                inverse variances, radians^-2; a half for the kappa of g2o files; None to
+                estimate it from the residuals.
+            frame: of w: "world", or "node" for R = R_true exp([w]), of a pair that of its second.
+
+        Raises:
+            SolverError: the rotations are no strict minimum; or the noise cannot be estimated, as
+                there are no cycles.
+            GraphError: an unknown node, or a pair in two components.
+            OptionError: an option out of range.
+        """
+        found = read_only(covariances(self, pairs, noise_variance, frame))
+        if pairs is None and frame == "world":
+            self.__dict__["_covariances"] = found  # for files and reports
+        return found
 
     @property
     def solved(self) -> bool:
@@ -265,6 +306,13 @@ class Solution:
         ]
         if self.num_components > 1:
             rows.append(("components", f"{self.num_components}, each with a gauge of its own"))
+        if self.grounded is not None:
+            rows += self.grounded.rows(self.rotations)
+        known = self.__dict__.get("_covariances")
+        if known is not None:
+            rms = np.degrees(np.sqrt(np.trace(known, axis1=1, axis2=2)))
+            about = f"median {np.median(rms):.3g} deg, largest {rms.max():.3g}"
+            rows.append(("uncertainty", f"{about} (RMS angle relative to the gauge)"))
         if self.robust is not None:
             rows += self.robust.rows(self.num_components)
         elif (advice := contamination(self.residual_angles, self.graph.weights)) is not None:

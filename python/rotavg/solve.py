@@ -14,8 +14,11 @@ from rotavg import _core
 from rotavg.arrays import as_floats, read_only
 from rotavg.errors import GraphError, OptionError, SolverError
 from rotavg.graph import MeasurementGraph
+from rotavg.grounded import ground
+from rotavg.priors import Priors
 from rotavg.robust import Loss, RobustFit
 from rotavg.solution import Certificate, ComponentCertificate, Solution, Status, Timings, Trace
+from rotavg.solve_grounded import solve_grounded
 
 Method = Literal["auto", "bcd", "sum", "newton", "staircase", "bcdsr"]
 Init = Literal["auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random"]
@@ -49,6 +52,7 @@ def solve(
     loss: Loss = "l2",
     loss_scale: float | Literal["auto"] = "auto",
     cycle_threshold: float | None = None,
+    priors: Priors | None = None,
 ) -> Solution:
     """Find the rotations that minimise sum of w |R_i R_ij - R_j|_F^2, and certify them.
 
@@ -96,41 +100,47 @@ def solve(
             which is estimated from the residuals.
         cycle_threshold: with it, an edge is left out from the start if it has three or more short
             cycles, and each of them misses the identity by more than this angle, radians.
+        priors: what is known of the rotations beforehand (docs/priors.md): then they are those in
+            the world of the priors, and the certificate is that of the problem with the priors.
 
     Returns:
         A Solution. That an iteration or time limit was hit is told by its `status`, not raised.
 
     Raises:
         OptionError: an option that does not exist or is out of range.
-        GraphError: initial rotations that are not rotations.
+        GraphError: initial rotations that are not rotations, or priors that do not fit the graph.
         SolverError: the dense matrix of "bcdsr" does not fit in memory.
         KeyboardInterrupt: on Ctrl-C, within a fraction of a second.
     """
     start = None
     if not isinstance(init, str):
         start = _node_rotations(graph, init, "init")
-    core = _call_core(
-        graph,
-        _core.solve,
-        method=method,
-        init=init if isinstance(init, str) else "auto",
-        start=start,
-        seed=_whole("seed", seed, 0, 2**64 - 1),
-        mu=mu,
-        accelerate=bool(accelerate),
-        max_rank=_whole("max_rank", max_rank, 0, 100),
-        stop=stop,
-        tolerance=_nonnegative("tolerance", tolerance),
-        max_iterations=_whole("max_iterations", max_iterations, 0, 2**31 - 1),
-        time_limit=_time_limit(time_limit),
-        num_threads=_num_threads(num_threads),
-        certify=bool(certify),
-        certificate_tolerance=_nonnegative("certificate_tolerance", certificate_tolerance),
-        callback=callback,
-        loss=loss,
-        loss_scale=_angle("loss_scale", loss_scale, "auto"),
-        cycle_threshold=_angle("cycle_threshold", cycle_threshold, None),
-    )
+    settings: dict[str, Any] = {
+        "method": method,
+        "init": init if isinstance(init, str) else "auto",
+        "start": start,
+        "seed": _whole("seed", seed, 0, 2**64 - 1),
+        "mu": mu,
+        "accelerate": bool(accelerate),
+        "max_rank": _whole("max_rank", max_rank, 0, 100),
+        "stop": stop,
+        "tolerance": _nonnegative("tolerance", tolerance),
+        "max_iterations": _whole("max_iterations", max_iterations, 0, 2**31 - 1),
+        "time_limit": _time_limit(time_limit),
+        "num_threads": _num_threads(num_threads),
+        "certify": bool(certify),
+        "certificate_tolerance": _nonnegative("certificate_tolerance", certificate_tolerance),
+        "callback": callback,
+        "loss": loss,
+        "loss_scale": _angle("loss_scale", loss_scale, "auto"),
+        "cycle_threshold": _angle("cycle_threshold", cycle_threshold, None),
+    }
+
+    def run(graph: MeasurementGraph, **changes: Any) -> dict[str, Any]:
+        return _call_core(graph, _core.solve, **{**settings, **changes})
+
+    grounded = None if priors is None else ground(graph, priors)
+    core = run(graph) if grounded is None else solve_grounded(grounded, run, settings)
     return Solution(
         graph=graph,
         rotations=read_only(core["rotations"]),
@@ -147,6 +157,7 @@ def solve(
         certificate=_certificate(core["certificate"]),
         component=read_only(core["component"]),
         robust=RobustFit.from_core(core["robust"]) if "robust" in core else None,
+        grounded=grounded,
     )
 
 

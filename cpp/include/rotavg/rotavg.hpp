@@ -2,7 +2,8 @@
 
 /// rotavg: absolute rotations from relative ones, with a proof of optimality.
 /// Layers, each using only those before it:
-///   types, parallel, so3, linalg -> graph -> problem -> init, certify -> solve -> robust
+///   types, parallel, so3, linalg -> graph -> problem -> init, certify -> solve -> robust,
+///   uncertainty
 
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/graph/breadth_first.hpp>
@@ -48,4 +49,5 @@
 #include <rotavg/solve/solve.hpp>
 #include <rotavg/solve/staircase.hpp>
 #include <rotavg/solve/sum.hpp>
+#include <rotavg/uncertainty/covariance.hpp>
 #include <rotavg/version.hpp>

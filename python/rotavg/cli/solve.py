@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 import click
+import numpy as np
 
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.command import Command
 from rotavg.cli.options import choice, number
 from rotavg.cli.output import print_json, print_notes, print_solution, progress, working
+from rotavg.cli.priors import read_priors
 from rotavg.io import atomic, check_writable
 from rotavg.report import Run, check_report, write_report
 
@@ -30,6 +32,8 @@ from rotavg.report import Run, check_report, write_report
             *("unit_weights", "as_json"),
         ),
         "Method": ("method", "init", "seed", "mu", "accelerate", "max_rank"),
+        "Prior knowledge": ("fixed_path", "gravity_path", "gravity_weight"),
+        "Uncertainty": ("covariances_path", "noise_variance"),
         "Outliers": ("loss", "loss_scale", "cycle_threshold"),
         "When to stop": ("tolerance", "stop", "max_iterations", "time_limit"),
     },
@@ -100,6 +104,37 @@ from rotavg.report import Run, check_report, write_report
     type=options.PATH,
     help="Write a CSV file: residual, weights and verdict of every edge.",
 )
+@click.option(
+    "--fixed",
+    "fixed_path",
+    type=options.PATH,
+    help="Hold the rotations in this file, world_from_node: id qx qy qz qw.",
+)
+@click.option(
+    "--gravity",
+    "gravity_path",
+    type=options.PATH,
+    help="Use gravity: NAME gx gy gz, down in the node's frame, which is (0, 1, 0) in the world.",
+)
+@click.option(
+    "--gravity-weight",
+    type=click.FloatRange(1e-100, 1e100),
+    metavar="X",
+    help="What a tilt counts, as the weight of an edge.  [default: 100 times the median edge's]",
+)
+@click.option(
+    "--covariances",
+    "covariances_path",
+    type=options.PATH,
+    help="Write a CSV file: how well the rotation of every node is known.",
+)
+@click.option(
+    "--noise-variance",
+    type=click.FloatRange(0, min_open=True),
+    metavar="X",
+    help="For --covariances: that of an edge of weight 1, per axis, radians^2.  "
+    "[default: from the residuals]",
+)
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
 @options.input_format
 @options.output_solution
@@ -120,6 +155,11 @@ def solve(
     loss_scale: str,
     cycle_threshold: float | None,
     edges_path: Path | None,
+    covariances_path: Path | None,
+    noise_variance: float | None,
+    fixed_path: Path | None,
+    gravity_path: Path | None,
+    gravity_weight: float | None,
     **settings: Any,
 ) -> int:
     """Find the rotations that fit the relative rotations in INPUT best, and certify them.
@@ -135,10 +175,15 @@ def solve(
         settings["cycle_threshold"] = math.radians(cycle_threshold)
     if output is not None:
         check_writable(output, output_format, solution=True)  # before the work, not after it
+    if noise_variance is not None and covariances_path is None:
+        raise click.UsageError("--noise-variance is for --covariances, which is not given")
+    if gravity_weight is not None and gravity_path is None:
+        raise click.UsageError("--gravity-weight is for --gravity, which is not given")
     if report is not None:
-        check_report(report, input_path, output, edges_path)
-    if edges_path is not None:
-        atomic.check_writable(edges_path)
+        check_report(report, input_path, output, edges_path, covariances_path)
+    for path in (edges_path, covariances_path):
+        if path is not None:
+            atomic.check_writable(path)
     start = time.perf_counter()
     with working(f"reading {input_path}"):
         graph = rotavg.read(
@@ -147,22 +192,30 @@ def solve(
     read_seconds = time.perf_counter() - start
     if not as_json:
         print_notes(graph)
+    if gravity_weight is None:
+        gravity_weight = 100 * float(np.median(graph.weights))
+    settings["priors"] = read_priors(graph, fixed_path, gravity_path, gravity_weight)
     with progress(settings["tolerance"], settings["stop"], not no_certify) as callback:
         solution = rotavg.solve(
             graph, num_threads=threads, certify=not no_certify, callback=callback, **settings
         )
-    if output is not None:
-        rotavg.write(output, solution, format=output_format)
-    if edges_path is not None:
-        rotavg.write_edges(edges_path, solution)
-    if report is not None:
-        with working(f"writing {report}"):
-            write_report(report, solution, _run(input_path, read_seconds))
+    try:
+        if covariances_path is not None:
+            with working("computing covariances"):
+                rotavg.write_covariances(covariances_path, solution, noise_variance=noise_variance)
+    finally:  # what was solved is written, whether it has covariances or not
+        if output is not None:
+            rotavg.write(output, solution, format=output_format)
+        if edges_path is not None:
+            rotavg.write_edges(edges_path, solution)
+        if report is not None:
+            with working(f"writing {report}"):
+                write_report(report, solution, _run(input_path, read_seconds))
     if as_json:
         print_json(_summary(solution, read_seconds, time.perf_counter() - start))
     else:
         print_solution(solution)
-        for path in (output, edges_path, report):
+        for path in (output, edges_path, covariances_path, report):
             if path is not None:
                 click.echo(f"wrote {path}", err=True)
     return 0 if solution.solved else 1
@@ -173,7 +226,8 @@ def _run(input_path: Path, read_seconds: float) -> Run:
     settings = {
         name: value
         for name, value in click.get_current_context().params.items()
-        if name not in ("input_path", "output", "report", "edges_path", "as_json")
+        if name
+        not in ("input_path", "output", "report", "edges_path", "covariances_path", "as_json")
     }
     command = shlex.join(["rotavg", *sys.argv[1:]])
     return Run(command, input_path, settings, {"read": read_seconds})

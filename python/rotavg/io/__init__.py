@@ -3,6 +3,7 @@
 A further format is one more file with a `Format` in it, listed in `formats.py`.
 """
 
+from rotavg.io.covariances import write_covariances
 from rotavg.io.edges import write_edges
 from rotavg.io.formats import FORMATS, check_writable, read, write
 from rotavg.io.gravity import read_gravity, write_gravity
@@ -17,6 +18,7 @@ __all__ = [
     "read_gravity",
     "read_rotations",
     "write",
+    "write_covariances",
     "write_edges",
     "write_gravity",
 ]

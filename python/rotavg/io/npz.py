@@ -3,7 +3,8 @@
 A graph is `edges` (m, 2) and `rotations` (m, 3, 3), also known as `relative_rotations`, with
 `weights` (m,), `nodes` (n,), and of a pose graph `translations` (m, 3) with their
 `translation_information` (m, 3, 3), if need be. A solution says so in `kind` and holds `nodes`,
-`edges`, `rotations` (n, 3, 3), `quaternions` (n, 4) xyzw, and its figures.
+`edges`, `rotations` (n, 3, 3), `quaternions` (n, 4) xyzw, its figures, and, if they were computed,
+`covariances` (n, 3, 3).
 """
 
 from __future__ import annotations
@@ -93,6 +94,8 @@ def write_npz(path: Path, item: Writable) -> bytes:
             value = _figure(item, name)
             if value is not None:
                 arrays[name.replace(".", "_")] = value
+        if "_covariances" in vars(item):
+            arrays["covariances"] = vars(item)["_covariances"]
     stream = io.BytesIO()
     np.savez(stream, **arrays)
     return stream.getvalue()

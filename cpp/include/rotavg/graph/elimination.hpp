@@ -25,6 +25,7 @@ class Elimination {
               Index skipped = 1)
       : graph_(&graph), components_(&components), component_(component), skipped_(skipped) {}
 
+  Index component() const { return component_; }
   Index skipped() const { return skipped_; }
   /// Number of rows of blocks.
   Index size() const { return static_cast<Index>(all_nodes().size()) - skipped_; }

@@ -1,12 +1,19 @@
 #pragma once
 
 #include <limits>
+#include <stdexcept>
 
 #if __has_include(<unistd.h>)
 #include <unistd.h>
 #endif
 
 namespace rotavg {
+
+/// What this machine's memory does not hold.
+class TooLarge : public std::invalid_argument {
+ public:
+  using std::invalid_argument::invalid_argument;
+};
 
 /// Bytes of memory that this machine has; infinity where that is not known.
 inline double physical_memory() {

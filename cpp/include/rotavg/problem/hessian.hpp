@@ -3,9 +3,12 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 
+#include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/so3/lie.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
@@ -42,6 +45,28 @@ inline void apply_hessian(const ResidualQuaternions& residuals, const NodeVector
     }
     result.row(i) = 4.0 * sum.transpose();
   });
+}
+
+/// The blocks of H of one component without the nodes that the elimination skips: -4 (s^2 I - v v^T
+/// + s [v]) for an edge, in the row of its end i and the column of its end j, and on the diagonal
+/// sum_j 4 (s^2 I - v v^T).
+inline BlockCholesky<3>::Blocks hessian_blocks(const ResidualQuaternions& residuals,
+                                               Elimination& elimination) {
+  const auto symmetric_part = [&](Index edge) -> Matrix3 {
+    const Vector4& e = residuals()[edge];
+    const Vector3 v = e.head<3>();
+    return 4.0 * (e.w() * e.w() * Matrix3::Identity() - v * v.transpose());
+  };
+  return elimination.assemble<3>(
+      [&](Index i) {
+        Matrix3 sum = Matrix3::Zero();
+        for (const HalfEdge& h : residuals.graph().row(i)) sum += symmetric_part(h.edge());
+        return sum;
+      },
+      [&](Index k) -> Matrix3 {
+        const Vector4& e = residuals()[k];
+        return -symmetric_part(k) - 4.0 * e.w() * hat(e.head<3>());
+      });
 }
 
 }  // namespace rotavg

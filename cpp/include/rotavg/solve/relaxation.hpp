@@ -20,12 +20,6 @@
 
 namespace rotavg {
 
-/// A dense matrix that this machine's memory does not hold.
-class TooLarge : public std::invalid_argument {
- public:
-  using std::invalid_argument::invalid_argument;
-};
-
 /// The variable of the semidefinite relaxation (6),
 ///
 ///     min -tr(Rt Y)  subject to  Y >= 0, Y_ii = I,

@@ -1,0 +1,234 @@
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <functional>
+#include <limits>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/linalg/block_cholesky.hpp>
+#include <rotavg/linalg/memory.hpp>
+#include <rotavg/linalg/selected_inverse.hpp>
+#include <rotavg/parallel/threads.hpp>
+#include <rotavg/problem/hessian.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+enum class CovarianceStatus {
+  not_run,
+  computed,
+  not_a_minimum,  ///< the Hessian is not positive definite: f does not rise in all directions
+  stopped,
+};
+
+/// A way in which f is flat: some nodes of a component, its root not among them, may turn together
+/// about an axis in the global frame. (Gravity leaves the heading open.) The turn of one of them
+/// about it is then held as well.
+struct FreeTurn {
+  Index held;    ///< that node
+  Vector3 axis;  ///< of length 1
+};
+
+struct CovarianceOptions {
+  /// Of the noise of an edge of weight 1, per axis, radians^2.
+  double noise_variance = 1.0;
+  std::vector<FreeTurn> free_turns;
+  std::vector<Index> turn_of;  ///< (n,) free turn that a node takes part in, or -1; may be empty
+  int num_threads = 1;
+  std::function<bool()> keep_going;  ///< false stops
+};
+
+struct Covariances {
+  CovarianceStatus status = CovarianceStatus::not_run;
+  std::vector<Matrix3> pairs;  ///< radians^2, in the order of the pairs asked for
+};
+
+/// A pair of nodes: how well the rotation of `node` is known relative to that of `base`.
+struct NodePair {
+  Index base;
+  Index node;
+};
+
+/// The variance per axis of the noise of an edge of weight 1, radians^2, from what is left over.
+/// To first order f = 2 sum w angle^2, and the sum of squares w angle^2 has the mean variance times
+/// the number of its degrees of freedom. NaN where there are none: a forest is met exactly.
+inline double estimated_noise_variance(double objective, Index num_edges, Index num_nodes,
+                                       Index num_components) {
+  const Index freedom = 3 * (num_edges - num_nodes + num_components);
+  return freedom > 0 ? 0.5 * objective / freedom : std::numeric_limits<double>::quiet_NaN();
+}
+
+namespace detail {
+
+/// The covariances of some pairs of one component.
+class ComponentCovariances {
+ public:
+  /// @param residuals, components, options must outlive this object
+  ComponentCovariances(const ResidualQuaternions& residuals, const Components& components,
+                       Index component, const CovarianceOptions& options)
+      : residuals_(residuals),
+        components_(components),
+        elimination_(residuals.graph(), components, component),
+        options_(options),
+        scale_(4.0 * options.noise_variance) {
+    double bytes = 0.0;  // of the factor and of the inverse
+    for (const auto& s : elimination_.symbolic()->supernodes()) {
+      bytes += 2.0 * 9.0 * sizeof(double) * static_cast<double>(s.rows()) * s.columns();
+    }
+    if (bytes > physical_memory()) {
+      std::ostringstream message;
+      message.precision(3);
+      message << "the covariances need " << bytes * 1e-9 << " GB, and this machine has "
+              << physical_memory() * 1e-9 << " GB";
+      throw TooLarge(message.str());
+    }
+  }
+
+  /// @param chosen places in `pairs` of those of this component
+  CovarianceStatus operator()(const std::vector<NodePair>& pairs, std::vector<Index> chosen,
+                              const std::function<bool()>& keep_going,
+                              std::vector<Matrix3>& result) {
+    auto H = hessian_blocks(residuals_, elimination_);
+    hold_turns(H);
+    BlockCholesky<3> cholesky(elimination_.symbolic());
+    switch (cholesky.factorize(H, 0.0, keep_going)) {
+      case CholeskyOutcome::not_positive_definite:
+        return CovarianceStatus::not_a_minimum;
+      case CholeskyOutcome::stopped:
+        return CovarianceStatus::stopped;
+      case CholeskyOutcome::positive_definite:
+        break;
+    }
+    const SelectedInverse<3> inverse(cholesky, keep_going);
+    if (inverse.stopped()) return CovarianceStatus::stopped;
+
+    // Pairs with the same base one after another: one solve serves them all.
+    std::stable_sort(chosen.begin(), chosen.end(),
+                     [&](Index a, Index b) { return pairs[a].base < pairs[b].base; });
+    Index solved = -1;  // the base that `columns` belong to
+    Eigen::MatrixXd columns;
+    const auto marginal = [&](Index a) -> Matrix3 {
+      return a < 0 ? Matrix3::Zero() : Matrix3(inverse(a, a));
+    };
+    for (const Index k : chosen) {
+      if (pairs[k].base == pairs[k].node) continue;  // zero
+      const Index a = row_of(pairs[k].base), b = row_of(pairs[k].node);
+      Matrix3 cross = Matrix3::Zero();  // in the row of b and the column of a
+      if (a >= 0 && b >= 0 && inverse.has(a, b)) {
+        cross = inverse(b, a);
+      } else if (a >= 0 && b >= 0) {
+        if (std::exchange(solved, a) != a) {
+          if (keep_going && !keep_going()) return CovarianceStatus::stopped;
+          columns.setZero(cholesky.size(), 3);
+          columns.middleRows<3>(3 * a).setIdentity();
+          cholesky.solve_in_place(columns);
+        }
+        cross = columns.middleRows<3>(3 * b);
+      }
+      const Matrix3 sum = marginal(a) + marginal(b) - cross - cross.transpose();
+      result[k] = scale_ * (0.5 * (sum + sum.transpose()) - share_of_turns(pairs[k]));
+    }
+    return CovarianceStatus::computed;
+  }
+
+ private:
+  /// Row of a node in H; -1 for the root, which has none.
+  Index row_of(Index node) const {
+    return components_.row_in_component[node] - elimination_.skipped();
+  }
+
+  /// With t a free turn, H t = 0. H + k a a^T, with a the axis at the node that is held, has the
+  /// inverse G + t t^T / k, G that of H where this node does not turn about the axis.
+  void hold_turns(BlockCholesky<3>::Blocks& H) {
+    for (const FreeTurn& turn : options_.free_turns) {
+      if (components_.label[turn.held] != elimination_.component()) continue;
+      H[elimination_.pattern().start[row_of(turn.held)]] +=
+          stiffness(turn) * turn.axis * turn.axis.transpose();
+    }
+  }
+  double stiffness(const FreeTurn& turn) const { return residuals_.graph().degree(turn.held); }
+
+  /// What the sum of all t t^T / k adds to a pair: nothing where both turn together.
+  Matrix3 share_of_turns(const NodePair& pair) const {
+    Matrix3 share = Matrix3::Zero();
+    if (options_.turn_of.empty()) return share;
+    const Index a = options_.turn_of[pair.base], b = options_.turn_of[pair.node];
+    if (a == b) return share;
+    for (const Index k : {a, b}) {
+      if (k < 0) continue;
+      const FreeTurn& turn = options_.free_turns[k];
+      share += turn.axis * turn.axis.transpose() / stiffness(turn);
+    }
+    return share;
+  }
+
+  const ResidualQuaternions& residuals_;
+  const Components& components_;
+  Elimination elimination_;
+  const CovarianceOptions& options_;
+  double scale_;
+};
+
+}  // namespace detail
+
+/// How well the rotations of pairs of nodes are known relative to each other, if all edges are
+/// right but for small independent noise.
+///
+/// If the noise of edge k, as a rotation vector, has the covariance (s^2 / w_k) I, with s^2 the
+/// noise variance, then -log of the likelihood is to first order f / (4 s^2), and the errors of the
+/// rotations, R_i <- exp(w_i) R_i, have the covariance 4 s^2 H^-1 with H the Hessian of f where the
+/// first node of every component is held (the asymptotic covariance of maximum likelihood, to first
+/// order in the noise). Of a pair it is that of w_node - w_base, a rotation vector in the global
+/// frame:
+///
+///     C = S_bb + S_nn - S_bn - S_nb,     S = 4 s^2 H^-1,
+///
+/// which no choice of the gauge changes. A pair with the first node of its component has C = S_nn,
+/// the marginal covariance. The blocks of H^-1 come from the sparse factor of H by selected
+/// inversion; those of pairs where the factor has no entry from solves.
+///
+/// @param R where f is stationary
+/// @param pairs each within one component
+/// @throws std::invalid_argument for a pair of two components
+/// @throws TooLarge if the factor and the inverse do not fit in memory
+inline Covariances covariances(const MeasurementGraph& graph, const Rotations& R,
+                               const std::vector<NodePair>& pairs,
+                               const CovarianceOptions& options = {}) {
+  const Components components = connected_components(graph);
+  std::vector<std::vector<Index>> chosen(components.nodes.size());
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    const Index c = components.label[pairs[k].base];
+    if (components.label[pairs[k].node] != c) {
+      throw std::invalid_argument("the nodes of pair " + std::to_string(k) +
+                                  " are not connected: their rotations are not known relative to "
+                                  "each other");
+    }
+    chosen[c].push_back(static_cast<Index>(k));
+  }
+  const ResidualQuaternions residuals(graph, to_quaternions(R),
+                                      resolve_num_threads(options.num_threads, graph.num_edges()));
+  Covariances result;
+  result.pairs.assign(pairs.size(), Matrix3::Zero());
+  for (Index c = 0; c < components.size(); ++c) {
+    if (chosen[c].empty() || components.nodes[c].size() < 2) continue;
+    result.status = detail::ComponentCovariances(residuals, components, c, options)(
+        pairs, std::move(chosen[c]), options.keep_going, result.pairs);
+    if (result.status != CovarianceStatus::computed) return result;
+  }
+  result.status = CovarianceStatus::computed;
+  return result;
+}
+
+}  // namespace rotavg

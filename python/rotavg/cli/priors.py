@@ -1,0 +1,69 @@
+"""Prior knowledge from files, for `rotavg solve`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+import rotavg
+from rotavg.ids import IdArray, rows_of
+from rotavg.io import read_gravity, read_rotations
+
+
+def read_priors(
+    graph: rotavg.MeasurementGraph, fixed: Path | None, gravity: Path | None, weight: float
+) -> rotavg.Priors | None:
+    """The priors in these files, of the nodes that the graph has; None without a file.
+
+    What the files say of other nodes is skipped, counted and told on stderr.
+    """
+    if fixed is None and gravity is None:
+        return None
+    rotations: dict[Any, Any] = {}
+    downs: dict[Any, Any] = {}
+    if fixed is not None:
+        ids, matrices = read_rotations(fixed)
+        rotations = _of_nodes(graph, fixed, ids, matrices)
+    if gravity is not None:
+        names, vectors = read_gravity(gravity)
+        downs = _of_nodes(graph, gravity, _ids(graph, names), vectors)
+        for node, down in downs.items():
+            if not np.any(down):
+                raise rotavg.FormatError(f"gravity of {node!r} is zero", path=gravity)
+    return rotavg.Priors(
+        fixed=rotations, gravity={node: (down, weight) for node, down in downs.items()}
+    )
+
+
+def _ids(graph: rotavg.MeasurementGraph, names: list[str]) -> IdArray:
+    """Names as ids of the kind that the graph has; what is no integer is not among integers."""
+    if graph.nodes.dtype.kind == "U":
+        return np.array(names, dtype=np.str_)
+    known = {str(node): node for node in graph.nodes.tolist()}
+    absent = int(graph.nodes.max()) + 1
+    return np.array([known.get(name, absent) for name in names], dtype=np.int64)
+
+
+def _of_nodes(
+    graph: rotavg.MeasurementGraph, path: Path, ids: IdArray, values: Any
+) -> dict[Any, Any]:
+    if len(ids) == 0:
+        raise rotavg.FormatError("the file is empty, expected what is known of nodes", path=path)
+    rows = rows_of(ids, graph.nodes)
+    here = rows >= 0
+    if not here.any():
+        node = graph.nodes[0].item()
+        found = "none of the nodes in the file is in the graph"
+        raise rotavg.FormatError(
+            f"{found}, expected ids as in the graph (say, {node!r})", path=path
+        )
+    nodes = graph.nodes[rows[here]].tolist()
+    if len(set(nodes)) < len(nodes):
+        raise rotavg.FormatError("the file names a node more than once", path=path)
+    if not here.all():
+        count = int((~here).sum())
+        click.echo(f"note: {path}: {count} of {len(ids)} nodes are not in the graph", err=True)
+    return dict(zip(nodes, values[here]))

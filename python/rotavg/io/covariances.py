@@ -1,0 +1,40 @@
+"""How well every rotation is known, as CSV for spreadsheets and scripts."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotavg.io import atomic
+
+if TYPE_CHECKING:
+    from rotavg.solution import Solution
+
+HEADER = ("id", "rms_deg", "xx", "xy", "xz", "yy", "yz", "zz")
+
+
+def write_covariances(
+    path: str | os.PathLike[str], solution: Solution, *, noise_variance: float | None = None
+) -> None:
+    """Write one line for every node, in the order of the graph, under a header.
+
+    The columns: the id; the root mean square angle, in degrees, by which the rotation is off; the
+    upper triangle of its covariance in radians^2 (`Solution.covariances`, in the world's frame).
+
+    Raises SolverError where there are no covariances, and FileAccessError if the file cannot be
+    written; what was there before is untouched.
+    """
+    covariances = solution.covariances(noise_variance=noise_variance)
+    rms = np.degrees(np.sqrt(np.trace(covariances, axis1=1, axis2=2)))
+    upper = covariances[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(HEADER)
+    for node, angle, entries in zip(solution.graph.nodes.tolist(), rms.tolist(), upper.tolist()):
+        writer.writerow([node, angle, *entries])
+    atomic.write_files({Path(path): stream.getvalue().encode()})

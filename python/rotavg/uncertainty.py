@@ -1,0 +1,118 @@
+"""How well a solution's rotations are known: covariances from the Hessian at the optimum."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotavg import _core
+from rotavg.errors import GraphError, OptionError, SolverError
+from rotavg.ids import as_ids, rows_of
+
+if TYPE_CHECKING:
+    from rotavg.solution import Solution
+
+Frame = Literal["world", "node"]
+
+
+def covariances(
+    solution: Solution, pairs: ArrayLike | None, noise_variance: float | None, frame: Frame
+) -> NDArray[np.float64]:
+    """See `Solution.covariances`."""
+    if frame not in ("world", "node"):
+        raise OptionError(f"frame is {frame!r}, expected 'world' or 'node'")
+    rows = None if pairs is None else _rows(solution, pairs)
+    graph, grounded = solution.graph, solution.grounded
+    if solution.robust is not None:
+        # What is distrusted counts for nothing, but keeps the parts of the graph together.
+        graph = graph.with_weights(graph.weights * np.where(solution.is_outlier, 1e-6, 1.0))
+    rotations = solution.rotations
+    held: list[int] = []
+    turn = np.empty(0, dtype=np.int32)
+    places = np.arange(graph.num_nodes)
+    if grounded is not None:
+        grounded = grounded.with_weights(graph.weights)
+        graph, rotations, places = grounded.graph, grounded.rows_of(rotations), grounded.row
+        turn = grounded.turn
+        held = np.unique(turn, return_index=True)[1][1:].tolist()  # the world has -1
+    if rows is None:
+        label = graph.components()
+        first = np.unique(label, return_index=True)[1]
+        wanted = np.stack([first[label[places]], places], axis=1)
+    else:
+        wanted = places[rows]
+    found = _core.covariances(
+        graph._core,
+        rotations,
+        np.ascontiguousarray(wanted, dtype=np.int32),
+        noise_variance=_noise_variance(solution, noise_variance),
+        held_nodes=held,
+        turn_of=turn.tolist(),
+        axis=np.zeros(3) if grounded is None else grounded.priors.down,
+        num_threads=1,
+    )
+    if found is None:
+        raise SolverError(
+            "the rotations are no strict minimum of the objective (its Hessian is not positive "
+            "definite), so that they have no covariances"
+        )
+    if frame == "node":
+        R = solution.rotations if rows is None else solution.rotations[rows[:, 1]]
+        found = np.swapaxes(R, 1, 2) @ found @ R
+    return found
+
+
+def estimated_noise_variance(solution: Solution) -> float:
+    """Variance per axis, radians^2, of the noise of an edge of weight 1: NaN for a forest.
+
+    The sum of w |2 sin(angle / 2)|^2 over its degrees of freedom, 3 (m - n + components); with a
+    robust loss of the edges that are no outliers, and of the parts that they hold together.
+    """
+    trusted = ~solution.is_outlier
+    if solution.grounded is not None:
+        grounded = solution.grounded
+        costs = grounded.costs(solution.rotations)
+        distrusted = np.flatnonzero(~trusted[grounded.kept])  # the measurements come first
+        costs[distrusted] = 0
+        freedom = grounded.freedom - 3 * len(distrusted)
+        return float(costs.sum() / (2 * freedom)) if freedom > 0 else float("nan")
+    parts = solution.num_components if solution.robust is None else solution.robust.num_parts
+    freedom = 3 * (int(trusted.sum()) - solution.graph.num_nodes + parts)
+    if freedom <= 0:
+        return float("nan")
+    chords = 2 * np.sin(solution.residual_angles[trusted] / 2)
+    return float(np.sum(solution.graph.weights[trusted] * chords**2) / freedom)
+
+
+def _noise_variance(solution: Solution, given: float | None) -> float:
+    if given is not None:
+        if isinstance(given, (int, float, np.number)) and 0 < given < np.inf:
+            return float(given)
+        raise OptionError(f"noise_variance is {given!r}, expected a positive number or None")
+    estimate = estimated_noise_variance(solution)
+    if np.isnan(estimate):
+        raise SolverError(
+            "the graph has no cycles, so that all measurements are met exactly and the noise "
+            "cannot be estimated: give noise_variance, that of an edge of weight 1"
+        )
+    return estimate
+
+
+def _rows(solution: Solution, pairs: ArrayLike) -> NDArray[np.int64]:
+    ids = as_ids(pairs, "pairs")
+    if ids.ndim != 2 or ids.shape[1] != 2:
+        raise GraphError(f"pairs have shape {ids.shape}, expected (k, 2)")
+    rows = rows_of(ids, solution.graph.nodes)
+    if (rows < 0).any():
+        raise GraphError(f"node {ids.flat[np.argmin(rows)].item()!r} is not in the graph")
+    label = solution.component[rows]
+    apart = label[:, 0] != label[:, 1]
+    if apart.any():
+        a, b = ids[np.argmax(apart)].tolist()
+        raise GraphError(
+            f"nodes {a!r} and {b!r} are in different components: their rotations are not known "
+            "relative to each other"
+        )
+    return rows

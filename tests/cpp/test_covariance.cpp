@@ -1,0 +1,152 @@
+#include <vector>
+
+#include <doctest/doctest.h>
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+
+#include <rotavg/rotavg.hpp>
+
+#include "support/graphs.hpp"
+#include "support/random.hpp"
+
+using Eigen::MatrixXd;
+using namespace rotavg;
+using rotavg::test::Random;
+
+namespace {
+
+struct Solved {
+  MeasurementGraph graph;
+  Rotations rotations;
+};
+
+Solved solved(Random& random, const test::Pairs& pairs, double noise) {
+  auto measurements = test::simulate(random, pairs, noise);
+  test::spread_weights(random, 0.5, measurements);
+  MeasurementGraph graph(measurements);
+  SolveOptions options;
+  options.iteration.tolerance = 1e-12;
+  Rotations R = solve(graph, options).rotations;
+  return {std::move(graph), std::move(R)};
+}
+
+/// The Hessian of f by central differences of the objective, 3n x 3n.
+MatrixXd hessian_by_differences(const MeasurementGraph& graph, const Rotations& R) {
+  constexpr double h = 1e-3;
+  const Eigen::Index size = 3 * static_cast<Eigen::Index>(R.size());
+  const auto f = [&](Eigen::VectorXd w) {
+    Rotations moved = R;
+    for (std::size_t i = 0; i < R.size(); ++i) {
+      moved[i] = exp_so3(w.segment<3>(3 * static_cast<Eigen::Index>(i))) * moved[i];
+    }
+    return objective(graph, moved);
+  };
+  MatrixXd H(size, size);
+  for (Eigen::Index a = 0; a < size; ++a) {
+    for (Eigen::Index b = 0; b <= a; ++b) {
+      const auto at = [&](double x, double y) {
+        Eigen::VectorXd w = Eigen::VectorXd::Zero(size);
+        w(a) += x;
+        w(b) += y;
+        return f(w);
+      };
+      H(a, b) = H(b, a) = (at(h, h) - at(h, -h) - at(-h, h) + at(-h, -h)) / (4.0 * h * h);
+    }
+  }
+  return H;
+}
+
+std::vector<NodePair> all_pairs(Index n) {
+  std::vector<NodePair> pairs;
+  for (Index i = 0; i < n; ++i) {
+    for (Index j = 0; j < n; ++j) pairs.push_back({i, j});
+  }
+  return pairs;
+}
+
+}  // namespace
+
+TEST_CASE("covariances of all pairs are those of the dense inverse of the Hessian") {
+  Random random;
+  INFO(random.replay());
+  for (const auto& pairs : {test::grid(3, 4), test::cycle(7), test::complete(6),
+                            test::random_connected(random, 14, 9)}) {
+    const Solved s = solved(random, pairs, 0.2);
+    const Index n = s.graph.num_nodes();
+    const MatrixXd H = hessian_by_differences(s.graph, s.rotations);
+    const Eigen::Index rest = H.rows() - 3;
+    MatrixXd S = MatrixXd::Zero(H.rows(), H.rows());
+    S.bottomRightCorner(rest, rest) =
+        H.bottomRightCorner(rest, rest).llt().solve(MatrixXd::Identity(rest, rest));
+    CovarianceOptions options;
+    options.noise_variance = 0.3;
+    const auto wanted = all_pairs(n);
+    const Covariances found = covariances(s.graph, s.rotations, wanted, options);
+    REQUIRE(found.status == CovarianceStatus::computed);
+    for (std::size_t k = 0; k < wanted.size(); ++k) {
+      const auto i = 3 * wanted[k].base, j = 3 * wanted[k].node;
+      const Matrix3 dense =
+          S.block<3, 3>(i, i) + S.block<3, 3>(j, j) - S.block<3, 3>(i, j) - S.block<3, 3>(j, i);
+      CAPTURE(k);
+      CHECK((found.pairs[k] - 4.0 * 0.3 * dense).norm() <= 1e-5 * S.norm());
+    }
+  }
+}
+
+TEST_CASE("without noise a path adds up the variances of its edges, and a cycle halves them") {
+  std::vector<RelativeRotation> measurements;
+  for (const auto& [i, j] : test::path(5)) measurements.push_back({i, j, exp_so3({0.1, 0.2, 0.3})});
+  double variance = 0.0;
+  for (RelativeRotation& m : measurements) m.weight = 1.0 / (variance += 1.0);
+  const MeasurementGraph path(measurements);
+  const auto on_path = covariances(path, shortest_path_init(path), {{0, 4}, {3, 1}, {2, 2}});
+  CHECK((on_path.pairs[0] - 10.0 * Matrix3::Identity()).norm() <= 1e-12);
+  CHECK((on_path.pairs[1] - 5.0 * Matrix3::Identity()).norm() <= 1e-12);
+  CHECK(on_path.pairs[2].norm() == 0.0);
+
+  const MeasurementGraph cycle = test::noiseless_cycle(8);
+  const auto on_cycle = covariances(cycle, Rotations(8, Matrix3::Identity()), {{2, 6}});
+  CHECK((on_cycle.pairs[0] - 2.0 * Matrix3::Identity()).norm() <= 1e-12);
+}
+
+TEST_CASE("selected inversion of larger factors agrees with solves") {
+  Random random;
+  INFO(random.replay());
+  const Solved s = solved(random, test::random_connected(random, 300, 400), 0.05);
+  const Components components = connected_components(s.graph);
+  const ResidualQuaternions residuals(s.graph, to_quaternions(s.rotations), 1);
+  Elimination elimination(s.graph, components, 0);
+  BlockCholesky<3> cholesky(elimination.symbolic());
+  REQUIRE(cholesky.factorize(hessian_blocks(residuals, elimination)) ==
+          CholeskyOutcome::positive_definite);
+  const SelectedInverse<3> inverse(cholesky);
+  for (int repeat = 0; repeat < 20; ++repeat) {
+    const Index a = random.below(elimination.size());
+    MatrixXd columns = MatrixXd::Zero(cholesky.size(), 3);
+    columns.middleRows<3>(3 * a).setIdentity();
+    cholesky.solve_in_place(columns);
+    int entries = 0;
+    for (Index b = 0; b < elimination.size(); ++b) {
+      if (!inverse.has(b, a)) continue;
+      ++entries;
+      CHECK((inverse(b, a) - columns.middleRows<3>(3 * b)).norm() <= 1e-10 * columns.norm());
+    }
+    CHECK(entries >= 2);
+  }
+}
+
+TEST_CASE("a saddle has no covariance, and pairs of two components none either") {
+  const MeasurementGraph cycle = test::noiseless_cycle(5);
+  CHECK(covariances(cycle, test::twisted(5, 2), {{0, 1}}).status ==
+        CovarianceStatus::not_a_minimum);
+  const MeasurementGraph two({{0, 1}, {2, 3}});
+  const Rotations R(4, Matrix3::Identity());
+  CHECK_THROWS_AS(covariances(two, R, {{0, 2}}), std::invalid_argument);
+  const auto both = covariances(two, R, {{0, 1}, {2, 3}, {3, 3}});
+  REQUIRE(both.status == CovarianceStatus::computed);
+  CHECK((both.pairs[1] - Matrix3::Identity()).norm() <= 1e-12);
+  CovarianceOptions stop;
+  stop.keep_going = [] { return false; };
+  CHECK(covariances(cycle, Rotations(5, Matrix3::Identity()), {{0, 1}}, stop).status ==
+        CovarianceStatus::stopped);
+}

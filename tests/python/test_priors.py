@@ -1,0 +1,298 @@
+"""Prior knowledge against brute force, closed forms and equivalent problems."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import rotavg
+from rotavg import Priors
+from rotavg.conventions import matrices_from_rotvecs
+from rotavg.io import write_gravity
+
+DOWN = np.array([0.0, 1.0, 0.0])
+
+
+def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "rotavg", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def simulation() -> rotavg.Simulation:
+    return rotavg.simulate("erdos_renyi", 20, density=0.3, noise=0.1, seed=4)
+
+
+@pytest.fixture
+def truth(simulation: rotavg.Simulation) -> NDArray[np.float64]:
+    """In a world of its own."""
+    return matrices_from_rotvecs([0.4, -1.0, 2.0]) @ simulation.ground_truth
+
+
+def downs(truth: NDArray[np.float64], tilt: float, seed: int = 0) -> NDArray[np.float64]:
+    noise = matrices_from_rotvecs(np.random.default_rng(seed).normal(size=(len(truth), 3)) * tilt)
+    return np.einsum("kab,kcb,c->ka", noise, truth, DOWN)
+
+
+def objective(graph: rotavg.MeasurementGraph, priors: Priors, R: NDArray[np.float64]) -> float:
+    """From its definition."""
+    row = {node: k for k, node in enumerate(graph.nodes.tolist())}
+    f = rotavg.objective(graph, R)
+    for node, (P, w) in priors.absolute.items():
+        f += w * np.sum((R[row[node]] - np.asarray(P)) ** 2)
+    g = np.asarray(priors.down) / np.linalg.norm(priors.down)
+    for node, (d, w) in priors.gravity.items():
+        f += 2 * w * np.sum((R[row[node]] @ np.asarray(d) / np.linalg.norm(d) - g) ** 2)
+    return float(f)
+
+
+def assert_minimum(
+    solution: rotavg.Solution, priors: Priors, free: NDArray[np.bool_] | None = None
+) -> None:
+    """The objective is what is said, and rises in every direction of the free nodes."""
+    graph, R = solution.graph, solution.rotations
+    f = objective(graph, priors, R)
+    assert solution.objective == pytest.approx(f, rel=1e-9, abs=1e-9)
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        w = rng.normal(size=(graph.num_nodes, 3))
+        if free is not None:
+            w[~free] = 0
+        for size in (1e-3, -1e-3, 0.3):
+            assert objective(graph, priors, matrices_from_rotvecs(size * w) @ R) >= f * (1 - 1e-12)
+
+
+def test_one_absolute_prior_sets_the_world(
+    simulation: rotavg.Simulation, truth: NDArray[np.float64]
+) -> None:
+    plain = rotavg.solve(simulation.graph)
+    priors = Priors(absolute={7: (truth[7], 3.0)})
+    solution = rotavg.solve(simulation.graph, priors=priors)
+    np.testing.assert_allclose(solution[7], truth[7], atol=1e-8)
+    turn = solution[0] @ plain[0].T
+    np.testing.assert_allclose(solution.rotations, turn @ plain.rotations, atol=1e-7)
+    assert solution.objective == pytest.approx(plain.objective, rel=1e-9)
+    assert solution.certificate is not None
+    assert solution.certificate.verdict == "proved"
+
+
+def test_all_kinds_together_are_at_a_minimum(
+    simulation: rotavg.Simulation, truth: NDArray[np.float64]
+) -> None:
+    d = downs(truth, 0.05)
+    priors = Priors(
+        fixed={3: truth[3], 4: truth[4]},
+        absolute={k: (truth[k] @ matrices_from_rotvecs([0.1, 0, 0]), 0.5) for k in (8, 9)},
+        gravity={k: (7 * d[k], 2.0) for k in range(2, 15)},
+        down=3 * DOWN,
+    )
+    solution = rotavg.solve(simulation.graph, priors=priors)
+    assert np.array_equal(solution[3], truth[3]) or np.abs(solution[3] - truth[3]).max() < 1e-15
+    free = ~np.isin(simulation.graph.nodes, (3, 4))
+    assert_minimum(solution, priors, free)
+    assert solution.certificate is not None
+    assert solution.certificate.verdict == "proved"
+    assert "2 fixed, 2 absolute" in str(solution)
+    assert "the certificate holds with them" in str(solution)
+
+
+def test_the_gap_bounds_the_distance_from_the_optimum_with_gravity(
+    simulation: rotavg.Simulation, truth: NDArray[np.float64]
+) -> None:
+    d = downs(truth, 0.05)
+    priors = Priors(gravity={k: (d[k], 1.0) for k in range(20)})
+    best = rotavg.solve(simulation.graph, priors=priors)
+    early = rotavg.solve(simulation.graph, priors=priors, method="bcd", max_iterations=2)
+    assert_minimum(best, priors)
+    for solution in (best, early):
+        assert solution.certificate is not None
+        assert solution.objective - best.objective <= solution.certificate.gap
+    assert best.certificate is not None
+    assert best.certificate.verdict == "proved"
+    assert early.certificate is not None
+    expected = early.certificate.gap / early.objective
+    assert early.certificate.relative_gap == pytest.approx(expected)
+
+
+def test_certain_gravity_leaves_the_heading_alone(
+    simulation: rotavg.Simulation, truth: NDArray[np.float64]
+) -> None:
+    priors = Priors(gravity={k: (truth[k].T @ DOWN, 1e3) for k in range(20)})
+    solution = rotavg.solve(simulation.graph, priors=priors)
+    tilted = np.einsum("kab,bc,kcd->kad", solution.rotations, np.eye(3), np.swapaxes(truth, 1, 2))
+    assert np.abs(tilted @ DOWN - DOWN).max() < 1e-3
+    plain = rotavg.compare(rotavg.solve(simulation.graph).rotations, truth)
+    assert rotavg.compare(solution.rotations, truth).rms < 0.8 * plain.rms
+    assert "heading" in str(solution)
+    # The heading that is free is the one that turns the first node least.
+    first = solution.rotations[0]
+    for angle in np.linspace(-3, 3, 61):
+        turned = matrices_from_rotvecs(angle * DOWN) @ first
+        assert np.trace(turned) <= np.trace(first) + 1e-9
+
+
+def test_fixed_rotations_are_the_limit_of_absolute_priors(
+    simulation: rotavg.Simulation, truth: NDArray[np.float64]
+) -> None:
+    graph = simulation.graph
+    held = rotavg.solve(graph, priors=Priors(fixed={k: truth[k] for k in range(5)}))
+    heavy = rotavg.solve(graph, priors=Priors(absolute={k: (truth[k], 1e6) for k in range(5)}))
+    np.testing.assert_allclose(held.rotations, heavy.rotations, atol=1e-5)
+    pairs = [(0, 9), (6, 12), (2, 3)]
+    np.testing.assert_allclose(
+        held.covariances(pairs, noise_variance=1),
+        heavy.covariances(pairs, noise_variance=1),
+        atol=1e-5,
+    )
+    assert not held.covariances(noise_variance=1)[:5].any()
+
+
+def test_covariances_with_priors_predict_monte_carlo(truth: NDArray[np.float64]) -> None:
+    """Gravity and an absolute prior: marginals relative to the world, and the noise."""
+    T = truth[:5]
+    edges = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (3, 4)])
+    rng = np.random.default_rng(6)
+    sigma, runs = 0.01, 500
+    errors, variances = np.empty((runs, 5, 3)), np.empty(runs)
+    for k in range(runs):
+        noise = matrices_from_rotvecs(sigma * rng.normal(size=(len(edges), 3)))
+        i, j = edges.T
+        graph = rotavg.MeasurementGraph(edges, np.swapaxes(T[i], 1, 2) @ T[j] @ noise)
+        d = downs(T, sigma / 2, seed=k)
+        priors = Priors(
+            absolute={4: (matrices_from_rotvecs(sigma * rng.normal(size=3)) @ T[4], 1.0)},
+            gravity={node: (d[node], 4.0) for node in (1, 3)},
+        )
+        solution = rotavg.solve(graph, priors=priors, certify=False, num_threads=1)
+        E = solution.rotations @ np.swapaxes(T, 1, 2)
+        errors[k] = np.stack([E[:, 2, 1], E[:, 0, 2], E[:, 1, 0]], axis=1)
+        variances[k] = rotavg.uncertainty.estimated_noise_variance(solution)
+    assert variances.mean() == pytest.approx(sigma**2, rel=0.07)
+    predicted = solution.covariances(noise_variance=sigma**2)
+    for node in range(5):
+        scatter = errors[:, node].T @ errors[:, node] / runs
+        assert np.trace(scatter) == pytest.approx(np.trace(predicted[node]), rel=0.12)
+        assert scatter[1, 1] == pytest.approx(predicted[node][1, 1], rel=0.25)  # the heading
+
+
+def test_covariances_where_gravity_leaves_the_heading_free(truth: NDArray[np.float64]) -> None:
+    """As in the limit of a prior that holds the heading of the first node: pairs do not change."""
+    edges = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (0, 2)])
+    i, j = edges.T
+    graph = rotavg.MeasurementGraph(edges, np.swapaxes(truth[i], 1, 2) @ truth[j])
+    gravity = {k: (truth[k].T @ DOWN, 3.0) for k in range(4)}
+    loose = rotavg.solve(graph, priors=Priors(gravity=gravity))
+    pairs = [(0, 1), (3, 1)]
+    free = loose.covariances(pairs, noise_variance=1)
+    held = loose.covariances(noise_variance=1)
+    assert abs(DOWN @ held[0] @ DOWN) < 1e-9  # the first node's heading is the reference
+    # Without noise H = 4 (L x I + gravity's w (I - g g^T) at the diagonal), here by hand.
+    L = np.zeros((4, 4))
+    for a, b in edges:
+        L[[a, b], [a, b]] += 1
+        L[a, b] -= 1
+        L[b, a] -= 1
+    H = np.kron(L, np.eye(3)) + np.kron(3.0 * np.eye(4), np.eye(3) - np.outer(DOWN, DOWN))
+    S = np.linalg.pinv(H, rcond=1e-10).reshape(4, 3, 4, 3)
+    for (a, b), found in zip(pairs, free):
+        expected = S[a, :, a] + S[b, :, b] - S[a, :, b] - S[b, :, a]
+        np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_parts_that_only_priors_join(truth: NDArray[np.float64]) -> None:
+    edges = np.array([(0, 1), (1, 2), (0, 2), (3, 4), (6, 7)])
+    i, j = edges.T
+    rotations = np.swapaxes(truth[i], 1, 2) @ truth[j]
+    graph = rotavg.MeasurementGraph(edges, rotations, nodes=range(8))
+    priors = Priors(
+        fixed={1: truth[1]}, absolute={3: (truth[3], 1)}, gravity={5: (truth[5].T @ DOWN, 1)}
+    )
+    solution = rotavg.solve(graph, priors=priors)
+    np.testing.assert_allclose(solution.rotations[:5], truth[:5], atol=1e-9)
+    np.testing.assert_allclose(solution[5] @ truth[5].T @ DOWN, DOWN, atol=1e-9)
+    np.testing.assert_allclose(solution[6], np.eye(3), atol=1e-15)  # a gauge of its own
+    assert solution.component.tolist() == [0, 0, 0, 0, 0, 0, 1, 1]
+    assert solution.solved
+    spread = solution.covariances(noise_variance=1)
+    assert np.trace(spread[4]) == pytest.approx(6)
+    assert spread[5][1, 1] == pytest.approx(0, abs=1e-9)
+    assert np.trace(spread[7]) == pytest.approx(3)
+
+
+def test_gravity_and_robust_losses() -> None:
+    simulation = rotavg.simulate("erdos_renyi", 60, density=0.3, noise=0.03, outliers=0.2, seed=1)
+    d = downs(simulation.ground_truth, 0.002)
+    priors = Priors(gravity={k: (d[k], 100.0) for k in range(60)})
+    plain = rotavg.solve(simulation.graph, loss="auto")
+    solution = rotavg.solve(simulation.graph, loss="auto", priors=priors)
+    assert solution.robust is not None
+    assert np.array_equal(solution.edge_verdicts, plain.edge_verdicts)
+    error = rotavg.compare(solution.rotations, simulation.ground_truth).rms
+    assert error < 0.9 * rotavg.compare(plain.rotations, simulation.ground_truth).rms
+
+
+def test_no_priors_change_nothing(simulation: rotavg.Simulation) -> None:
+    plain = rotavg.solve(simulation.graph)
+    assert np.array_equal(
+        rotavg.solve(simulation.graph, priors=Priors()).rotations, plain.rotations
+    )
+
+
+@pytest.mark.parametrize(
+    ("priors", "message"),
+    [
+        ({"fixed": {99: np.eye(3)}}, "the fixed prior of node 99: it is not in the graph"),
+        ({"fixed": {1: np.ones((3, 3))}}, "the fixed prior of node 1 is no rotation"),
+        ({"fixed": {1: np.diag([1, 1, -1])}}, "node 1 is no rotation"),
+        ({"absolute": {1: np.eye(3)}}, "expected a pair of what is known and its weight"),
+        ({"absolute": {1: (np.eye(3), -1)}}, "node 1 has the weight -1, expected one from"),
+        ({"gravity": {2: ([0, 0, 0], 1)}}, "node 2 is .*, expected a finite direction"),
+        ({"gravity": {2: ([0, np.nan, 0], 1)}}, "node 2 is .*, expected a finite direction"),
+        ({"gravity": {2: ([0, 1], 1)}}, r"node 2 have shape \(2,\), expected \(3,\)"),
+        ({"gravity": {2: ([0, 1, 0], 1)}, "down": [0, 0, 0]}, "down is .*, expected a finite"),
+        (
+            {"fixed": {1: np.eye(3)}, "absolute": {1: (np.eye(3), 1)}},
+            "node 1 has a fixed rotation and an absolute prior as well",
+        ),
+        ({"fixed": {k: np.eye(3) for k in range(20)}}, "nothing is left to solve"),
+        ({"fixed": [1, 2]}, "expected a dict"),
+    ],
+)
+def test_bad_priors_say_what_is_wrong(
+    simulation: rotavg.Simulation, priors: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(rotavg.GraphError, match=message):
+        rotavg.solve(simulation.graph, priors=Priors(**priors))
+
+
+def test_command_line(
+    tmp_path: Path, simulation: rotavg.Simulation, truth: NDArray[np.float64]
+) -> None:
+    rotavg.write(tmp_path / "g.csv", simulation.graph)
+    names = [str(k) for k in range(20)]
+    write_gravity(tmp_path / "down.txt", [*names, "elsewhere"], [*downs(truth, 0.01), DOWN])
+    held = rotavg.solve(simulation.graph, priors=Priors(fixed={3: truth[3], 5: truth[5]}))
+    q = held.quaternions
+    lines = [f"{k} {' '.join(map(repr, q[k].tolist()))}\n" for k in (3, 5)]
+    (tmp_path / "fixed.txt").write_text("".join(lines))
+    files = ["--fixed", tmp_path / "fixed.txt", "--gravity", tmp_path / "down.txt"]
+    done = run("solve", tmp_path / "g.csv", *files, "-o", tmp_path / "s.npz")
+    assert done.returncode == 0, done.stderr
+    assert "2 fixed, 20 gravity" in done.stdout
+    assert "1 of 21 nodes are not in the graph" in done.stderr
+    with np.load(tmp_path / "s.npz") as archive:
+        np.testing.assert_allclose(archive["rotations"][3], truth[3], atol=1e-12)
+
+    alone = run("solve", tmp_path / "g.csv", "--gravity-weight", "2")
+    assert alone.returncode == 2
+    assert "--gravity-weight is for --gravity" in alone.stderr
+    (tmp_path / "other.txt").write_text("a 0 0 0 1\n")
+    other = run("solve", tmp_path / "g.csv", "--fixed", tmp_path / "other.txt")
+    assert other.returncode == 2
+    assert "none of the nodes in the file is in the graph" in other.stderr
