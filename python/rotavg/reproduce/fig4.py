@@ -16,8 +16,8 @@ from rotavg.colmap import create_database, reconstruct
 from rotavg.colmap.draw import VIEWS, Scene, draw, read_scene
 from rotavg.errors import require
 from rotavg.images.features import find_photographs
-from rotavg.reproduce.experiment import Experiment, Outcome, Settings
-from rotavg.reproduce.photographs import errors_deg, find_references, measure_all
+from rotavg.reproduce.experiment import Outcome
+from rotavg.reproduce.photographs import errors_deg, experiment, find_references, measure_all
 
 
 def run(
@@ -106,16 +106,4 @@ def _pictures(scenes: dict[str, tuple[Path, Scene]]) -> dict[str, bytes]:
     return saved
 
 
-def _experiment(settings: Settings) -> Outcome:
-    assert settings.photographs is not None
-    return run(
-        settings.photographs,
-        references=settings.references,
-        seed=settings.seed,
-        progress=settings.progress,
-    )
-
-
-EXPERIMENT = Experiment(
-    "fig4", "Fig. 4: reconstructions from photographs", _experiment, from_photographs=True
-)
+EXPERIMENT = experiment("fig4", "Fig. 4: reconstructions from photographs", run)

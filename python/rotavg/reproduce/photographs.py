@@ -11,9 +11,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.conventions import convert_family, matrices_from_quaternions, xyzw_from_wxyz
-from rotavg.errors import FileAccessError, FormatError
+from rotavg.errors import FileAccessError, FormatError, OptionError
 from rotavg.images.features import SUFFIXES
 from rotavg.images.pipeline import Measurement, measure
+from rotavg.reproduce.experiment import Experiment, Outcome, Settings
+
+
+def experiment(name: str, title: str, run: Callable[..., Outcome]) -> Experiment:
+    """One whose `run(folder, references=, seed=, progress=)` starts from photographs."""
+
+    def run_with(settings: Settings) -> Outcome:
+        if settings.photographs is None:
+            raise OptionError(f"{name} starts from photographs, and none were given")
+        return run(
+            settings.photographs,
+            references=settings.references,
+            seed=settings.seed,
+            progress=settings.progress,
+        )
+
+    return Experiment(name, title, run_with, from_photographs=True)
 
 
 def data_sets(folder: str | os.PathLike[str]) -> dict[str, Path]:

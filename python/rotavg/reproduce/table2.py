@@ -12,10 +12,11 @@ import numpy as np
 
 import rotavg
 from rotavg.images.pipeline import Measurement
-from rotavg.reproduce.experiment import Experiment, Outcome, Settings
+from rotavg.reproduce.experiment import Outcome
 from rotavg.reproduce.photographs import (
     angles_deg,
     errors_deg,
+    experiment,
     find_references,
     measure_all,
 )
@@ -188,19 +189,6 @@ def _degrees(value: float) -> str:
     return f"{value:.2f} deg" if np.isfinite(value) else ""
 
 
-def _experiment(settings: Settings) -> Outcome:
-    assert settings.photographs is not None
-    return run(
-        settings.photographs,
-        references=settings.references,
-        seed=settings.seed,
-        progress=settings.progress,
-    )
-
-
-EXPERIMENT = Experiment(
-    "table2",
-    "Table 2: photographs to relative rotations to absolute ones",
-    _experiment,
-    from_photographs=True,
+EXPERIMENT = experiment(
+    "table2", "Table 2: photographs to relative rotations to absolute ones", run
 )
