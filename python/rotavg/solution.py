@@ -257,8 +257,13 @@ class Solution:
         """
         found = read_only(covariances(self, pairs, noise_variance, frame))
         if pairs is None and frame == "world":
-            self.__dict__["_covariances"] = found  # for files and reports
+            self.__dict__["_covariances"] = found
         return found
+
+    @property
+    def known_covariances(self) -> NDArray[np.float64] | None:
+        """What `covariances()` has found of all nodes, for files and reports; None if not asked."""
+        return self.__dict__.get("_covariances")
 
     @property
     def solved(self) -> bool:
@@ -308,7 +313,7 @@ class Solution:
             rows.append(("components", f"{self.num_components}, each with a gauge of its own"))
         if self.grounded is not None:
             rows += self.grounded.rows(self.rotations)
-        known = self.__dict__.get("_covariances")
+        known = self.known_covariances
         if known is not None:
             rms = np.degrees(np.sqrt(np.trace(known, axis1=1, axis2=2)))
             about = f"median {np.median(rms):.3g} deg, largest {rms.max():.3g}"

@@ -55,6 +55,29 @@ def test_slam_with_g2o(tmp_path: Path) -> None:
     assert (tmp_path / "other.g2o").read_bytes() == (tmp_path / "solved.g2o").read_bytes()
 
 
+def test_a_robust_run(tmp_path: Path) -> None:
+    out = run("robust_run.py", cwd=tmp_path)
+    errors = [float(found) for found in re.findall(r"median error ([\d.]+) deg", out)]
+    assert errors[1] < 1 < errors[0]
+    there = re.search(r"(\d+) outliers found, (\d+) of the (\d+) there are", out)
+    assert there is not None
+    found, right, all_of_them = map(int, there.groups())
+    assert right >= 0.97 * all_of_them
+    assert found <= 1.03 * all_of_them
+    assert len((tmp_path / "edges.csv").read_text().splitlines()) > 1000
+
+
+def test_photographs_with_colmap(tmp_path: Path) -> None:
+    pytest.importorskip("cv2", reason="OpenCV is not installed")
+    pytest.importorskip("pycolmap", reason="pycolmap is not installed")
+    from photographs import FOCAL, room_folder
+
+    room_folder(tmp_path / "room")
+    out = run("photographs.py", "room", str(FOCAL), cwd=tmp_path)
+    assert "4 images" in out
+    assert rotavg.read(tmp_path / "graph.npz").num_nodes == 4
+
+
 def test_what_the_page_on_partners_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     gtsam = pytest.importorskip("gtsam", reason="gtsam is not installed")
     pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is not installed")

@@ -96,6 +96,7 @@ def html(solution: Solution, run: Run | None = None, *, title: str = "") -> str:
         loader=jinja2.FunctionLoader(_part), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["figure"] = _figure
+    known = solution.known_covariances
     page = environment.get_template("page.html").render(
         title=title or (run.input.name if run.input else "solution"),
         statement=statement(solution),
@@ -103,6 +104,7 @@ def html(solution: Solution, run: Run | None = None, *, title: str = "") -> str:
         space_said=scene_said,
         tables={
             "edges": tables.worst_edges(solution),
+            "uncertainty": None if known is None else tables.uncertainty(solution, known),
             "components": tables.components(solution) if solution.num_components > 1 else None,
         },
         notes=solution.graph.notes,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Union
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotavg.report.verdict import is_reweighted
 from rotavg.solution import Solution
@@ -53,6 +54,21 @@ def worst_edges(solution: Solution, limit: int = 200) -> Table:
     shown = f"All {m} edges" if m <= limit else f"The {limit} worst of {m} edges"
     caption = f"{shown}; the row counts the edges of the input from 0."
     return Table(caption, [*columns, "row"], rows)
+
+
+def uncertainty(solution: Solution, covariances: NDArray[np.float64], limit: int = 100) -> Table:
+    """The rotations that are known least well, given their covariances (n, 3, 3), radians^2."""
+    rms = np.degrees(np.sqrt(np.trace(covariances, axis1=1, axis2=2)))
+    axes = np.degrees(np.sqrt(np.linalg.eigvalsh(covariances).clip(min=0)))
+    least = np.argsort(-rms, kind="stable")[:limit]
+    n = len(rms)
+    shown = f"All {n} nodes" if n <= limit else f"The {limit} least certain of {n} nodes"
+    caption = f"{shown}: RMS angle, and along the best and the worst axis, relative to the gauge."
+    rows = [
+        [str(solution.graph.nodes[k].item()), rms[k].item(), axes[k, 0].item(), axes[k, 2].item()]
+        for k in least
+    ]
+    return Table(caption, ["node", "RMS [deg]", "best axis [deg]", "worst axis [deg]"], rows)
 
 
 def components(solution: Solution, limit: int = 100) -> Table:
