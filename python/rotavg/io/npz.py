@@ -94,8 +94,9 @@ def write_npz(path: Path, item: Writable) -> bytes:
             value = _figure(item, name)
             if value is not None:
                 arrays[name.replace(".", "_")] = value
-        if "_covariances" in vars(item):
-            arrays["covariances"] = vars(item)["_covariances"]
+        covariances = _figure(item, "known_covariances")
+        if covariances is not None:
+            arrays["covariances"] = covariances
     stream = io.BytesIO()
     np.savez(stream, **arrays)
     return stream.getvalue()
