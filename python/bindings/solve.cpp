@@ -4,6 +4,7 @@
 #include <pybind11/stl.h>
 
 #include <rotavg/robust/solve_robust.hpp>
+#include <rotavg/solve/anisotropic.hpp>
 #include <rotavg/solve/solve.hpp>
 
 #include "bindings.hpp"
@@ -67,10 +68,11 @@ py::dict robust_dict(const rotavg::RobustSolution& s) {
 
 py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
                const std::string& init, const std::optional<DoubleArray>& start, std::uint64_t seed,
-               const std::string& mu, bool accelerate, int max_rank, const std::string& stop, double tolerance,
-               int max_iterations, double time_limit, int num_threads, bool certify,
-               double certificate_tolerance, const std::optional<py::function>& callback,
-               const std::string& loss, double loss_scale, double cycle_threshold) {
+               const std::string& mu, bool accelerate, int max_rank, const std::string& stop,
+               double tolerance, int max_iterations, double time_limit, int num_threads,
+               bool certify, double certificate_tolerance,
+               const std::optional<py::function>& callback, const std::string& loss,
+               double loss_scale, double cycle_threshold) {
   SignalCheck signals;
   rotavg::SolveOptions options;
   options.method = value_of<rotavg::Method>(method);
@@ -113,6 +115,33 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
   return result;
 }
 
+py::dict refine_anisotropic(const rotavg::MeasurementGraph& graph, const DoubleArray& information,
+                            const DoubleArray& rotations, double tolerance, int max_iterations,
+                            double time_limit, int num_threads) {
+  SignalCheck signals;
+  rotavg::IterationOptions options;
+  options.tolerance = tolerance;
+  options.max_iterations = max_iterations;
+  options.time_limit = time_limit;
+  options.num_threads = num_threads;
+  options.keep_going = signals.keep_going();
+  const rotavg::Rotations omega = to_rotations(information, "information");
+  rotavg::Rotations R = to_rotations(rotations, "rotations");
+  const auto result =
+      without_gil([&] { return rotavg::refine_anisotropic(graph, omega, std::move(R), options); });
+  signals.rethrow();
+  py::dict dict;
+  dict["rotations"] = from_rotations(result.rotations);
+  dict["objective"] = result.objective;
+  dict["gradient_norm"] = result.gradient_norm;
+  dict["relative_gradient"] = result.relative_gradient;
+  dict["status"] = name_of(result.status);
+  dict["iterations"] = result.iterations;
+  dict["trace"] = trace_dict(result.trace);
+  dict["seconds"] = result.seconds;
+  return dict;
+}
+
 py::tuple invalid_option_arguments(const InvalidOption& error) {
   return py::make_tuple(error.what());
 }
@@ -142,10 +171,14 @@ void bind_solve(py::module_& m) {
             .format(p.iteration, p.objective, p.gradient_norm, p.step, p.seconds);
       });
   m.def("solve", &solve, py::arg("graph"), py::kw_only(), py::arg("method"), py::arg("init"),
-        py::arg("start"), py::arg("seed"), py::arg("mu"), py::arg("accelerate"), py::arg("max_rank"), py::arg("stop"),
-        py::arg("tolerance"), py::arg("max_iterations"), py::arg("time_limit"),
-        py::arg("num_threads"), py::arg("certify"), py::arg("certificate_tolerance"),
-        py::arg("callback"), py::arg("loss"), py::arg("loss_scale"), py::arg("cycle_threshold"));
+        py::arg("start"), py::arg("seed"), py::arg("mu"), py::arg("accelerate"),
+        py::arg("max_rank"), py::arg("stop"), py::arg("tolerance"), py::arg("max_iterations"),
+        py::arg("time_limit"), py::arg("num_threads"), py::arg("certify"),
+        py::arg("certificate_tolerance"), py::arg("callback"), py::arg("loss"),
+        py::arg("loss_scale"), py::arg("cycle_threshold"));
+  m.def("refine_anisotropic", &refine_anisotropic, py::arg("graph"), py::arg("information"),
+        py::arg("rotations"), py::kw_only(), py::arg("tolerance"), py::arg("max_iterations"),
+        py::arg("time_limit"), py::arg("num_threads"));
 }
 
 }  // namespace rotavg_python

@@ -1,3 +1,4 @@
+#include <optional>
 #include <stdexcept>
 #include <utility>
 #include <vector>
@@ -38,7 +39,8 @@ std::vector<rotavg::NodePair> node_pairs(const IndexArray& array, Index num_node
 py::object covariances(const MeasurementGraph& graph, const DoubleArray& rotations,
                        const IndexArray& pairs, double noise_variance,
                        const std::vector<Index>& held_nodes, const std::vector<Index>& turn_of,
-                       const DoubleArray& axis, int num_threads) {
+                       const DoubleArray& axis, const std::optional<DoubleArray>& information,
+                       int num_threads) {
   const auto R = rotavg::checked_rotations(graph, to_rotations(rotations, "rotations"));
   const auto wanted = node_pairs(pairs, graph.num_nodes());
   SignalCheck signals;
@@ -51,6 +53,12 @@ py::object covariances(const MeasurementGraph& graph, const DoubleArray& rotatio
     options.free_turns.push_back({node, rotavg::Vector3(axis.data())});
   }
   options.turn_of = turn_of;
+  if (information) {
+    options.information = to_rotations(*information, "information");
+    if (static_cast<Index>(options.information.size()) != graph.num_edges()) {
+      throw std::invalid_argument("information must have one matrix for each edge");
+    }
+  }
   const auto result = without_gil([&] { return rotavg::covariances(graph, R, wanted, options); });
   signals.rethrow();
   if (result.status != rotavg::CovarianceStatus::computed) return py::none();
@@ -62,7 +70,7 @@ py::object covariances(const MeasurementGraph& graph, const DoubleArray& rotatio
 void bind_uncertainty(py::module_& m) {
   m.def("covariances", &covariances, py::arg("graph"), py::arg("rotations"), py::arg("pairs"),
         py::kw_only(), py::arg("noise_variance"), py::arg("held_nodes"), py::arg("turn_of"),
-        py::arg("axis"), py::arg("num_threads"));
+        py::arg("axis"), py::arg("information"), py::arg("num_threads"));
 }
 
 }  // namespace rotavg_python

@@ -65,6 +65,16 @@ def solve(
     loss_scale: float,
     cycle_threshold: float,
 ) -> dict[str, Any]: ...
+def refine_anisotropic(
+    graph: MeasurementGraph,
+    information: NDArray[np.float64],
+    rotations: NDArray[np.float64],
+    *,
+    tolerance: float,
+    max_iterations: int,
+    time_limit: float,
+    num_threads: int,
+) -> dict[str, Any]: ...
 def certify(
     graph: MeasurementGraph,
     rotations: NDArray[np.float64],
@@ -93,6 +103,7 @@ def covariances(
     held_nodes: list[int],
     turn_of: list[int],
     axis: NDArray[np.float64],
+    information: NDArray[np.float64] | None,
     num_threads: int,
 ) -> NDArray[np.float64] | None: ...
 def loso(matrices: NDArray[np.float64]) -> NDArray[np.float64]: ...

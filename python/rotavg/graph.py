@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg import _core, conventions
+from rotavg import _core, anisotropic, conventions
 from rotavg.arrays import as_floats, read_only
 from rotavg.conventions import Convention, QuaternionOrder
 from rotavg.errors import GraphError, require
@@ -34,11 +34,14 @@ class MeasurementGraph:
         edges: (m, 2) node ids: 64-bit integers or names (str), not mixed.
         rotations: (m, 3, 3) relative rotations; each is replaced by the nearest rotation, and
             refused if it is further away from one than 1e-3.
-        weights: (m,) weights in [1e-100, 1e100]; 1 by default.
+        weights: (m,) weights in [1e-100, 1e100]; by default 1, or 3 / tr of the covariances.
         nodes: (n,) ids in the order that all results follow; may hold nodes without an edge. By
             default the ids that occur, ascending.
         convention: family of `rotations`: "pose" as above, or "vision" with R_ij = R_j R_i^T for
             R_i = camera_from_world (COLMAP, GLOMAP, OpenCV), transposed on the way in.
+        covariances: (m, 3, 3) radians^2, of the rotation vector e of every measurement's noise,
+            `rotations` = truth exp([e]): in the frame of j, or with convention="vision" of i.
+            They are for `solve(..., anisotropic=True)`.
         translations: of the edges, where they were measured; in the pose family.
         source: what a reader kept of the file, for a writer of the same format.
         notes: what a reader wants its user to know.
@@ -49,6 +52,7 @@ class MeasurementGraph:
         indices: (m, 2) int32, the edges as rows of `nodes`.
         rotations: (m, 3, 3) i_from_j, pose family.
         weights: (m,).
+        covariances: (m, 3, 3), in the frame of j; or None.
         translations, source, notes: as given.
 
     Raises:
@@ -60,6 +64,7 @@ class MeasurementGraph:
     indices: NDArray[np.int32]
     rotations: NDArray[np.float64]
     weights: NDArray[np.float64]
+    covariances: NDArray[np.float64] | None
     translations: RelativeTranslations | None
     source: Source | None
     notes: tuple[str, ...]
@@ -72,6 +77,7 @@ class MeasurementGraph:
         nodes: ArrayLike | None = None,
         *,
         convention: Convention = "pose",
+        covariances: ArrayLike | None = None,
         translations: RelativeTranslations | None = None,
         source: Source | None = None,
         notes: tuple[str, ...] = (),
@@ -81,7 +87,12 @@ class MeasurementGraph:
         self.indices = read_only(_indices(self.edges, self.nodes))
         m = len(self.edges)
         given = conventions.convert_family(as_floats(rotations, (m, 3, 3), "rotations"), convention)
-        weights = np.ones(m) if weights is None else as_floats(weights, (m,), "weights")
+        spread = None if covariances is None else as_floats(covariances, (m, 3, 3), "covariances")
+        if spread is not None and (bad := anisotropic.first_bad_covariance(spread)) is not None:
+            raise edge_error(self.edges, *bad)
+        if weights is None:
+            weights = np.ones(m) if spread is None else anisotropic.isotropic_weights(spread)
+        weights = as_floats(weights, (m,), "weights")
         try:
             self._core = _core.MeasurementGraph(
                 len(self.nodes), self.indices, np.ascontiguousarray(given), weights
@@ -93,6 +104,9 @@ class MeasurementGraph:
             raise GraphError(str(error)) from None
         self.rotations = read_only(self._core.rotations)
         self.weights = read_only(weights)
+        if spread is not None and convention == "vision":
+            spread = anisotropic.pose_family(spread, self.rotations)
+        self.covariances = None if spread is None else read_only(spread)
         if translations is not None and len(translations) != m:
             raise GraphError(f"there are {len(translations)} translations, expected {m}")
         self.translations = translations
@@ -232,6 +246,7 @@ class MeasurementGraph:
             self.rotations[edges],
             self.weights[edges],
             self.nodes[rows],
+            covariances=None if self.covariances is None else self.covariances[edges],
             translations=None if self.translations is None else self.translations.select(edges),
             source=None if self.source is None else self.source.select(edges),
             notes=self.notes,
@@ -240,7 +255,7 @@ class MeasurementGraph:
     def with_weights(self, weights: ArrayLike) -> MeasurementGraph:
         """The same graph with other weights (m,)."""
         return _rebuild(
-            self.edges, self.rotations, weights, self.nodes,
+            self.edges, self.rotations, weights, self.nodes, self.covariances,
             self.translations, self.source, self.notes,
         )  # fmt: skip
 
@@ -249,7 +264,7 @@ class MeasurementGraph:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild, (
-            self.edges, self.rotations, self.weights, self.nodes,
+            self.edges, self.rotations, self.weights, self.nodes, self.covariances,
             self.translations, self.source, self.notes,
         )  # fmt: skip
 
@@ -259,13 +274,15 @@ def _rebuild(
     rotations: NDArray[np.float64],
     weights: ArrayLike,
     nodes: IdArray,
+    covariances: NDArray[np.float64] | None,
     translations: RelativeTranslations | None,
     source: Source | None,
     notes: tuple[str, ...],
 ) -> MeasurementGraph:
     return MeasurementGraph(
-        edges, rotations, weights, nodes, translations=translations, source=source, notes=notes
-    )
+        edges, rotations, weights, nodes,
+        covariances=covariances, translations=translations, source=source, notes=notes,
+    )  # fmt: skip
 
 
 def edge_error(edges: IdArray, edge: int, reason: str) -> GraphError:

@@ -168,7 +168,7 @@ class Grounded:
         constant += float(self.given.weights[~self.kept] @ np.sum(chords, axis=(1, 2)))
         return constant + float(self.costs(rotations).sum())
 
-    def rows(self, rotations: NDArray[np.float64]) -> list[tuple[str, str]]:
+    def rows(self, rotations: NDArray[np.float64], certified: bool) -> list[tuple[str, str]]:
         """Names and sentences for a printed report."""
         p = self.priors
         off = rotations[p.absolute] - p.absolute_rotations
@@ -181,7 +181,8 @@ class Grounded:
             if count:
                 angle = np.degrees(2 * np.arcsin(np.minimum(np.median(chords) / 2, 1)))
                 known.append(f"{count} {name} (residuals {angle:.3g} deg in the median)")
-        rows = [("priors", ", ".join(known) + "; the certificate holds with them")]
+        text = ", ".join(known) + ("; the certificate covers them" if certified else "")
+        rows = [("priors", text)]
         if (self.turn >= 0).any():
             count = int(self.turn.max()) + 1
             parts = "" if count == 1 else f" of {count} parts, each its own"

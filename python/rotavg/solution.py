@@ -167,6 +167,9 @@ class Solution:
         grounded: with priors, the problem that was solved: that of the measurements and the
             priors, whose figures `objective`, the gradient and the certificate are. The world
             is then no free gauge, and its component has the label 0.
+        isotropic: with `anisotropic`, the solution that was refined, with its certificate. The
+            objective is then sum of r^T C^-1 r, r = log(R_ij^T R_i^T R_j), C the covariances of
+            the graph: a local minimum, which has no certificate.
     """
 
     graph: MeasurementGraph
@@ -185,6 +188,7 @@ class Solution:
     component: NDArray[np.int32]
     robust: RobustFit | None = None
     grounded: Grounded | None = None
+    isotropic: Solution | None = None
 
     def __getitem__(self, node: int | str) -> NDArray[np.float64]:
         """Rotation (3, 3), world_from_node, of the node with this id; GraphError without one."""
@@ -288,7 +292,11 @@ class Solution:
         degrees = np.degrees(self.residual_angles)
         median, high = np.percentile(degrees, [50, 95])
         rows = [("status", str(self.status))]
-        if self.certificate is None:
+        if self.isotropic is not None:
+            start = self.isotropic.certificate
+            of_start = "" if start is None else f" (where it started: {start.verdict.sentence})"
+            rows.append(("verdict", f"locally optimal, not certified{of_start}"))
+        elif self.certificate is None:
             rows.append(("verdict", "not asked for"))
         else:
             c = self.certificate
@@ -312,7 +320,7 @@ class Solution:
         if self.num_components > 1:
             rows.append(("components", f"{self.num_components}, each with a gauge of its own"))
         if self.grounded is not None:
-            rows += self.grounded.rows(self.rotations)
+            rows += self.grounded.rows(self.rotations, self.certificate is not None)
         known = self.known_covariances
         if known is not None:
             rms = np.degrees(np.sqrt(np.trace(known, axis1=1, axis2=2)))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
+from rotavg.anisotropic import refined
 from rotavg.arrays import as_floats, read_only
 from rotavg.errors import GraphError, OptionError, SolverError
 from rotavg.graph import MeasurementGraph
@@ -53,6 +54,7 @@ def solve(
     loss_scale: float | Literal["auto"] = "auto",
     cycle_threshold: float | None = None,
     priors: Priors | None = None,
+    anisotropic: bool = False,
 ) -> Solution:
     """Find the rotations that minimise sum of w |R_i R_ij - R_j|_F^2, and certify them.
 
@@ -102,6 +104,9 @@ def solve(
             cycles, and each of them misses the identity by more than this angle, radians.
         priors: what is known of the rotations beforehand (docs/priors.md): then they are those in
             the world of the priors, and the certificate is that of the problem with the priors.
+        anisotropic: whether to go on from there to a local minimum of sum of r^T C^-1 r, with C the
+            covariances of the graph and r = log(R_ij^T R_i^T R_j), by the method of Gauss and
+            Newton. That answer has no certificate; `Solution.isotropic` is where it started.
 
     Returns:
         A Solution. That an iteration or time limit was hit is told by its `status`, not raised.
@@ -140,8 +145,12 @@ def solve(
         return _call_core(graph, _core.solve, **{**settings, **changes})
 
     grounded = None if priors is None else ground(graph, priors)
+    if anisotropic and grounded is not None:
+        raise OptionError("anisotropic is not possible with priors")
+    if anisotropic and graph.covariances is None:
+        raise OptionError("anisotropic needs a graph with covariances, and this one has none")
     core = run(graph) if grounded is None else solve_grounded(grounded, run, settings)
-    return Solution(
+    solution = Solution(
         graph=graph,
         rotations=read_only(core["rotations"]),
         objective=core["objective"],
@@ -159,6 +168,7 @@ def solve(
         robust=RobustFit.from_core(core["robust"]) if "robust" in core else None,
         grounded=grounded,
     )
+    return refined(solution, settings) if anisotropic else solution
 
 
 def certify(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
+from rotavg.anisotropic import information
 from rotavg.errors import GraphError, OptionError, SolverError
 from rotavg.ids import as_ids, rows_of
 
@@ -51,6 +52,7 @@ def covariances(
         held_nodes=held,
         turn_of=turn.tolist(),
         axis=np.zeros(3) if grounded is None else grounded.priors.down,
+        information=None if solution.isotropic is None else _information(solution),
         num_threads=1,
     )
     if found is None:
@@ -67,10 +69,14 @@ def covariances(
 def estimated_noise_variance(solution: Solution) -> float:
     """Variance per axis, radians^2, of the noise of an edge of weight 1: NaN for a forest.
 
+    With anisotropic noise: what the covariances are to be multiplied by.
     The sum of w |2 sin(angle / 2)|^2 over its degrees of freedom, 3 (m - n + components); with a
     robust loss of the edges that are no outliers, and of the parts that they hold together.
     """
     trusted = ~solution.is_outlier
+    if solution.isotropic is not None:
+        freedom = 3 * (int(trusted.sum()) - solution.graph.num_nodes + solution.num_components)
+        return solution.objective / freedom if freedom > 0 else float("nan")
     if solution.grounded is not None:
         grounded = solution.grounded
         costs = grounded.costs(solution.rotations)
@@ -84,6 +90,13 @@ def estimated_noise_variance(solution: Solution) -> float:
         return float("nan")
     chords = 2 * np.sin(solution.residual_angles[trusted] / 2)
     return float(np.sum(solution.graph.weights[trusted] * chords**2) / freedom)
+
+
+def _information(solution: Solution) -> NDArray[np.float64]:
+    share = np.where(solution.is_outlier, 1e-6, 1.0) * (
+        solution.graph.weights / solution.edge_weights
+    )
+    return np.asarray(share[:, None, None] * information(solution))
 
 
 def _noise_variance(solution: Solution, given: float | None) -> float:

@@ -113,3 +113,20 @@ TEST_CASE("the angle between rotations is right for tiny angles, half turns and 
   }
   CHECK(angle_between(Matrix3::Identity(), Matrix3::Identity()) == 0.0);
 }
+
+TEST_CASE("the inverse right Jacobian is the derivative of the logarithm") {
+  Random random;
+  INFO(random.replay());
+  constexpr double h = 1e-6;
+  for (int k = 0; k < 300; ++k) {
+    const double angle = k % 3 == 0 ? random.power_of_ten(-9, -1) : random.uniform(0.005, 3.1);
+    const Vector3 r = angle * random.direction();
+    const Matrix3 J = rotavg::inverse_right_jacobian(r);
+    CAPTURE(angle);
+    for (int axis = 0; axis < 3; ++axis) {
+      const Vector3 d = h * Vector3::Unit(axis);
+      const Vector3 change = log_so3(exp_so3(r) * exp_so3(d)) - log_so3(exp_so3(r) * exp_so3(-d));
+      REQUIRE((J.col(axis) - change / (2.0 * h)).norm() < 1e-8);
+    }
+  }
+}

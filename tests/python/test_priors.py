@@ -99,7 +99,7 @@ def test_all_kinds_together_are_at_a_minimum(
     assert solution.certificate is not None
     assert solution.certificate.verdict == "proved"
     assert "2 fixed, 2 absolute" in str(solution)
-    assert "the certificate holds with them" in str(solution)
+    assert "the certificate covers them" in str(solution)
 
 
 def test_the_gap_bounds_the_distance_from_the_optimum_with_gravity(

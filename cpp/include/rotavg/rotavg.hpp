@@ -41,6 +41,7 @@
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/so3/random.hpp>
 #include <rotavg/solve/accelerated.hpp>
+#include <rotavg/solve/anisotropic.hpp>
 #include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/bcd.hpp>
 #include <rotavg/solve/bcdsr.hpp>

@@ -9,12 +9,47 @@ import click
 import numpy as np
 
 import rotavg
+from rotavg.cli import options
 from rotavg.ids import IdArray, rows_of
 from rotavg.io import read_gravity, read_rotations
 
+_OPTIONS = (
+    click.option(
+        "--fixed",
+        "fixed_path",
+        type=options.PATH,
+        help="Hold the rotations in this file, world_from_node: id qx qy qz qw.",
+    ),
+    click.option(
+        "--gravity",
+        "gravity_path",
+        type=options.PATH,
+        help="Use gravity: NAME gx gy gz, down in the node's frame, in the world (0, 1, 0).",
+    ),
+    click.option(
+        "--gravity-weight",
+        type=click.FloatRange(1e-100, 1e100),
+        metavar="X",
+        help="What a tilt counts, as the weight of an edge.  [default: 100 times the median]",
+    ),
+)
+
+
+def prior_options(command: Any) -> Any:
+    """The options --fixed, --gravity and --gravity-weight."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def check_prior_options(gravity: Path | None, weight: float | None) -> None:
+    """UsageError for a weight of no gravity."""
+    if weight is not None and gravity is None:
+        raise click.UsageError("--gravity-weight is for --gravity, which is not given")
+
 
 def read_priors(
-    graph: rotavg.MeasurementGraph, fixed: Path | None, gravity: Path | None, weight: float
+    graph: rotavg.MeasurementGraph, fixed: Path | None, gravity: Path | None, weight: float | None
 ) -> rotavg.Priors | None:
     """The priors in these files, of the nodes that the graph has; None without a file.
 
@@ -22,6 +57,8 @@ def read_priors(
     """
     if fixed is None and gravity is None:
         return None
+    if weight is None:
+        weight = 100 * float(np.median(graph.weights))
     rotations: dict[Any, Any] = {}
     downs: dict[Any, Any] = {}
     if fixed is not None:

@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import click
-import numpy as np
 
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.command import Command
 from rotavg.cli.options import choice, number
 from rotavg.cli.output import print_json, print_notes, print_solution, progress, working
-from rotavg.cli.priors import read_priors
+from rotavg.cli.priors import check_prior_options, prior_options, read_priors
 from rotavg.io import atomic, check_writable
 from rotavg.report import Run, check_report, write_report
 
@@ -34,6 +33,7 @@ from rotavg.report import Run, check_report, write_report
         "Method": ("method", "init", "seed", "mu", "accelerate", "max_rank"),
         "Prior knowledge": ("fixed_path", "gravity_path", "gravity_weight"),
         "Uncertainty": ("covariances_path", "noise_variance"),
+        "Anisotropic noise": ("anisotropic",),
         "Outliers": ("loss", "loss_scale", "cycle_threshold"),
         "When to stop": ("tolerance", "stop", "max_iterations", "time_limit"),
     },
@@ -104,24 +104,7 @@ from rotavg.report import Run, check_report, write_report
     type=options.PATH,
     help="Write a CSV file: residual, weights and verdict of every edge.",
 )
-@click.option(
-    "--fixed",
-    "fixed_path",
-    type=options.PATH,
-    help="Hold the rotations in this file, world_from_node: id qx qy qz qw.",
-)
-@click.option(
-    "--gravity",
-    "gravity_path",
-    type=options.PATH,
-    help="Use gravity: NAME gx gy gz, down in the node's frame, which is (0, 1, 0) in the world.",
-)
-@click.option(
-    "--gravity-weight",
-    type=click.FloatRange(1e-100, 1e100),
-    metavar="X",
-    help="What a tilt counts, as the weight of an edge.  [default: 100 times the median edge's]",
-)
+@prior_options
 @click.option(
     "--covariances",
     "covariances_path",
@@ -134,6 +117,11 @@ from rotavg.report import Run, check_report, write_report
     metavar="X",
     help="For --covariances: that of an edge of weight 1, per axis, radians^2.  "
     "[default: from the residuals]",
+)
+@click.option(
+    "--anisotropic",
+    is_flag=True,
+    help="Refine by the covariances that a g2o file has: a local optimum, without certificate.",
 )
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
 @options.input_format
@@ -177,8 +165,7 @@ def solve(
         check_writable(output, output_format, solution=True)  # before the work, not after it
     if noise_variance is not None and covariances_path is None:
         raise click.UsageError("--noise-variance is for --covariances, which is not given")
-    if gravity_weight is not None and gravity_path is None:
-        raise click.UsageError("--gravity-weight is for --gravity, which is not given")
+    check_prior_options(gravity_path, gravity_weight)
     if report is not None:
         check_report(report, input_path, output, edges_path, covariances_path)
     for path in (edges_path, covariances_path):
@@ -192,8 +179,6 @@ def solve(
     read_seconds = time.perf_counter() - start
     if not as_json:
         print_notes(graph)
-    if gravity_weight is None:
-        gravity_weight = 100 * float(np.median(graph.weights))
     settings["priors"] = read_priors(graph, fixed_path, gravity_path, gravity_weight)
     with progress(settings["tolerance"], settings["stop"], not no_certify) as callback:
         solution = rotavg.solve(

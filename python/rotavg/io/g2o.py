@@ -1,7 +1,8 @@
 """Pose graphs as lines of text, g2o's and TORO's: see `dialects`; pose family.
 
 An edge's rotation is R_ij = i_from_j as it stands. Its weight is SE-Sync's concentration
-kappa = 3 / (2 tr(Omega^-1)), Omega the rotation's block of the information (Rosen et al. 2019).
+kappa = 3 / (2 tr(Omega^-1)), Omega the rotation's block of the information (Rosen et al. 2019);
+of SE3 edges Omega^-1 becomes the covariance of the measured rotation.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rotavg.anisotropic import first_bad_covariance
 from rotavg.conventions import first_bad_quaternion
 from rotavg.errors import FormatError
 from rotavg.graph import MeasurementGraph, edge_error
@@ -77,8 +79,15 @@ def _graph(
     turns = poses[:, dialect.dimension :]
     notes = _notes(unknown, turns if dialect is G2O_3D else None, lines)
     weights = np.ones(len(lines))
+    covariances: NDArray[np.float64] | None = None
     if not options.unit_weights:
-        weights = _weights(path, dialect.rotation_information(information), lines)
+        omega = dialect.rotation_information(information)
+        weights = _weights(path, omega, lines)
+        if dialect is G2O_3D:
+            inverse = np.linalg.inv(omega)
+            covariances = (inverse + np.swapaxes(inverse, 1, 2)) / 2
+            if first_bad_covariance(covariances) is not None:  # by rounding
+                covariances = None
     with blame_line(path, lines):
         ids = as_edges(np.array(edges.ids, dtype=object).reshape(-1, 2))
         bad = first_bad_quaternion(turns) if dialect is G2O_3D else None
@@ -102,6 +111,7 @@ def _graph(
                 frozenset(fixed),
             ),
             notes=notes + further,
+            covariances=covariances,
             convention=options.convention,
         )
 

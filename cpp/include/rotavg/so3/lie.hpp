@@ -43,6 +43,17 @@ inline Vector3 log_so3(const Matrix3& R) {
   return scale * q.vec();
 }
 
+/// J^-1 with log(exp(r) exp(d)) = r + J^-1 d to first order in d, |r| <= pi (Chirikjian 2012):
+/// I + [r] / 2 + (1 / |r|^2 - cot(|r| / 2) / (2 |r|)) [r]^2.
+inline Matrix3 inverse_right_jacobian(const Vector3& r) {
+  const double angle = r.norm();
+  const double half = 0.5 * angle;
+  const double c = angle < 1e-2 ? 1.0 / 12.0 + angle * angle / 720.0
+                                : (1.0 - half * std::cos(half) / std::sin(half)) / (angle * angle);
+  const Matrix3 W = hat(r);
+  return Matrix3::Identity() + 0.5 * W + c * W * W;
+}
+
 /// The angle in radians, 0 … pi, that turns A into B, from the chordal distance |A - B|_F
 /// = 2 sqrt(2) sin(angle / 2), which keeps its digits for small angles.
 inline double angle_between(const Matrix3& A, const Matrix3& B) {

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <functional>
 #include <limits>
+#include <optional>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -22,6 +23,7 @@
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/so3/quaternion.hpp>
+#include <rotavg/solve/anisotropic.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
@@ -44,6 +46,9 @@ struct FreeTurn {
 struct CovarianceOptions {
   /// Of the noise of an edge of weight 1, per axis, radians^2.
   double noise_variance = 1.0;
+  /// (m,) of refine_anisotropic(), at whose minimum the rotations then are; empty: at one of f. The
+  /// noise variance is then what the inverses of these are multiplied by.
+  std::vector<Matrix3> information;
   std::vector<FreeTurn> free_turns;
   std::vector<Index> turn_of;  ///< (n,) free turn that a node takes part in, or -1; may be empty
   int num_threads = 1;
@@ -75,14 +80,17 @@ namespace detail {
 /// The covariances of some pairs of one component.
 class ComponentCovariances {
  public:
-  /// @param residuals, components, options must outlive this object
+  /// @param anisotropic or null
+  /// @param residuals, components, anisotropic, options must outlive this object
   ComponentCovariances(const ResidualQuaternions& residuals, const Components& components,
-                       Index component, const CovarianceOptions& options)
+                       Index component, const AnisotropicLinearization* anisotropic,
+                       const CovarianceOptions& options)
       : residuals_(residuals),
         components_(components),
         elimination_(residuals.graph(), components, component),
+        anisotropic_(anisotropic),
         options_(options),
-        scale_(4.0 * options.noise_variance) {
+        scale_((anisotropic ? 2.0 : 4.0) * options.noise_variance) {
     double bytes = 0.0;  // of the factor and of the inverse
     for (const auto& s : elimination_.symbolic()->supernodes()) {
       bytes += 2.0 * 9.0 * sizeof(double) * static_cast<double>(s.rows()) * s.columns();
@@ -100,7 +108,8 @@ class ComponentCovariances {
   CovarianceStatus operator()(const std::vector<NodePair>& pairs, std::vector<Index> chosen,
                               const std::function<bool()>& keep_going,
                               std::vector<Matrix3>& result) {
-    auto H = hessian_blocks(residuals_, elimination_);
+    auto H = anisotropic_ ? anisotropic_->hessian(elimination_)
+                          : hessian_blocks(residuals_, elimination_);
     hold_turns(H);
     BlockCholesky<3> cholesky(elimination_.symbolic());
     switch (cholesky.factorize(H, 0.0, keep_going)) {
@@ -138,7 +147,8 @@ class ComponentCovariances {
         cross = columns.middleRows<3>(3 * b);
       }
       const Matrix3 sum = marginal(a) + marginal(b) - cross - cross.transpose();
-      result[k] = scale_ * (0.5 * (sum + sum.transpose()) - share_of_turns(pairs[k]));
+      result[k] = without_held_turn(
+          pairs[k], scale_ * (0.5 * (sum + sum.transpose()) - share_of_turns(pairs[k])));
     }
     return CovarianceStatus::computed;
   }
@@ -160,6 +170,17 @@ class ComponentCovariances {
   }
   double stiffness(const FreeTurn& turn) const { return residuals_.graph().degree(turn.held); }
 
+  /// C, exactly zero about the axis where the root sees a node whose turn is held.
+  Matrix3 without_held_turn(const NodePair& pair, const Matrix3& C) const {
+    for (const FreeTurn& turn : options_.free_turns) {
+      const bool seen_from_root = row_of(pair.base) < 0 && pair.node == turn.held;
+      if (!seen_from_root && !(row_of(pair.node) < 0 && pair.base == turn.held)) continue;
+      const Matrix3 across = Matrix3::Identity() - turn.axis * turn.axis.transpose();
+      return across * C * across;
+    }
+    return C;
+  }
+
   /// What the sum of all t t^T / k adds to a pair: nothing where both turn together.
   Matrix3 share_of_turns(const NodePair& pair) const {
     Matrix3 share = Matrix3::Zero();
@@ -177,6 +198,7 @@ class ComponentCovariances {
   const ResidualQuaternions& residuals_;
   const Components& components_;
   Elimination elimination_;
+  const AnisotropicLinearization* anisotropic_;
   const CovarianceOptions& options_;
   double scale_;
 };
@@ -219,11 +241,14 @@ inline Covariances covariances(const MeasurementGraph& graph, const Rotations& R
   }
   const ResidualQuaternions residuals(graph, to_quaternions(R),
                                       resolve_num_threads(options.num_threads, graph.num_edges()));
+  std::optional<detail::AnisotropicLinearization> anisotropic;
+  if (!options.information.empty()) anisotropic.emplace(graph, options.information, R);
   Covariances result;
   result.pairs.assign(pairs.size(), Matrix3::Zero());
   for (Index c = 0; c < components.size(); ++c) {
     if (chosen[c].empty() || components.nodes[c].size() < 2) continue;
-    result.status = detail::ComponentCovariances(residuals, components, c, options)(
+    result.status = detail::ComponentCovariances(residuals, components, c,
+                                                 anisotropic ? &*anisotropic : nullptr, options)(
         pairs, std::move(chosen[c]), options.keep_going, result.pairs);
     if (result.status != CovarianceStatus::computed) return result;
   }

@@ -1,0 +1,201 @@
+"""The anisotropic refinement against finite differences, SciPy's minimum and Monte Carlo."""
+
+from __future__ import annotations
+
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import rotavg
+from rotavg.conventions import matrices_from_rotvecs
+
+EDGES = np.array([(k, (k + 1) % 6) for k in range(6)] + [(0, 3), (1, 4), (1, 5)])
+
+
+def covariances(rng: np.random.Generator, sigma: float) -> NDArray[np.float64]:
+    """One direction is much worse than the others."""
+    axes = Rotation.random(len(EDGES), random_state=rng.integers(2**31)).as_matrix()
+    return axes @ np.diag([25.0, 1.0, 1.0]) @ np.swapaxes(axes, 1, 2) * sigma**2
+
+
+def measured(
+    rng: np.random.Generator, truth: NDArray[np.float64], C: NDArray[np.float64]
+) -> rotavg.MeasurementGraph:
+    i, j = EDGES.T
+    noise = np.einsum("kab,kb->ka", np.linalg.cholesky(C), rng.normal(size=(len(EDGES), 3)))
+    rotations = np.swapaxes(truth[i], 1, 2) @ truth[j] @ matrices_from_rotvecs(noise)
+    return rotavg.MeasurementGraph(EDGES, rotations, covariances=C)
+
+
+def objective(graph: rotavg.MeasurementGraph, R: NDArray[np.float64]) -> float:
+    """From its definition, by SciPy's logarithm."""
+    assert graph.covariances is not None
+    i, j = graph.indices.T
+    E = np.swapaxes(R[i] @ graph.rotations, 1, 2) @ R[j]
+    r = Rotation.from_matrix(E).as_rotvec()
+    return float(np.einsum("ka,kab,kb->", r, np.linalg.inv(graph.covariances), r))
+
+
+@pytest.fixture
+def truth() -> NDArray[np.float64]:
+    R = matrices_from_rotvecs(np.random.default_rng(3).normal(size=(6, 3)))
+    return R[0].T @ R
+
+
+def test_it_ends_at_a_minimum_of_the_objective(truth: NDArray[np.float64]) -> None:
+    rng = np.random.default_rng(1)
+    graph = measured(rng, truth, covariances(rng, 0.1))
+    solution = rotavg.solve(graph, anisotropic=True)
+    f = objective(graph, solution.rotations)
+    assert solution.objective == pytest.approx(f, rel=1e-12)
+    assert solution.status.converged
+    assert solution.isotropic is not None
+    assert f < 0.9 * objective(graph, solution.isotropic.rotations)
+    h = 1e-5
+    for node in range(6):
+        for axis in np.eye(3):
+            w = np.zeros((6, 3))
+            w[node] = h * axis
+            up = objective(graph, matrices_from_rotvecs(w) @ solution.rotations)
+            down = objective(graph, matrices_from_rotvecs(-w) @ solution.rotations)
+            curvature = (up + down - 2 * f) / h**2
+            assert curvature > 0
+            assert abs(up - down) / (2 * h) < 1e-6 * curvature  # radians from the minimum
+
+
+def test_it_has_no_certificate_and_says_so(truth: NDArray[np.float64]) -> None:
+    rng = np.random.default_rng(1)
+    graph = measured(rng, truth, covariances(rng, 0.1))
+    solution = rotavg.solve(graph, anisotropic=True)
+    assert solution.certificate is None
+    assert solution.isotropic is not None
+    assert solution.isotropic.certificate is not None
+    assert "locally optimal, not certified (where it started: proved" in str(solution)
+
+
+def test_isotropic_covariances_change_little(truth: NDArray[np.float64]) -> None:
+    rng = np.random.default_rng(2)
+    graph = measured(rng, truth, np.tile(np.eye(3) * 1e-4, (len(EDGES), 1, 1)))
+    np.testing.assert_allclose(graph.weights, 1e4)
+    solution = rotavg.solve(graph, anisotropic=True)
+    assert solution.isotropic is not None
+    np.testing.assert_allclose(solution.rotations, solution.isotropic.rotations, atol=1e-5)
+    assert solution.objective == pytest.approx(solution.isotropic.objective / 2, rel=1e-3)
+    np.testing.assert_allclose(
+        solution.covariances(noise_variance=1),
+        solution.isotropic.covariances(noise_variance=1),
+        atol=2e-7,
+    )
+
+
+def test_monte_carlo_agrees_and_is_better_than_isotropic(truth: NDArray[np.float64]) -> None:
+    runs = 500
+    rng = np.random.default_rng(7)
+    C = covariances(rng, 0.005)
+    errors, plain = np.empty((2, runs, 6, 3))
+    variances = np.empty(runs)
+    for k in range(runs):
+        graph = measured(rng, truth, C)
+        solution = rotavg.solve(graph, anisotropic=True, certify=False, num_threads=1)
+        assert solution.isotropic is not None
+        for rows, R in ((errors, solution.rotations), (plain, solution.isotropic.rotations)):
+            E = R @ np.swapaxes(truth, 1, 2)
+            rows[k] = np.stack([E[:, 2, 1], E[:, 0, 2], E[:, 1, 0]], axis=1)
+        variances[k] = rotavg.uncertainty.estimated_noise_variance(solution)
+    assert variances.mean() == pytest.approx(1, rel=0.06)
+    predicted = solution.covariances(noise_variance=1)
+    for node in range(1, 6):
+        scatter = errors[:, node].T @ errors[:, node] / runs
+        assert np.trace(scatter) == pytest.approx(np.trace(predicted[node]), rel=0.12)
+    assert np.sum(errors**2) < 0.7 * np.sum(plain**2)
+
+
+def test_both_families_say_the_same(truth: NDArray[np.float64]) -> None:
+    rng = np.random.default_rng(4)
+    graph = measured(rng, truth, covariances(rng, 0.05))
+    assert graph.covariances is not None
+    R = graph.rotations
+    # R_ji = R_ij^T, whose noise in the frame of i is that of R_ij turned there.
+    seen = R @ graph.covariances @ np.swapaxes(R, 1, 2)
+    again = rotavg.MeasurementGraph(
+        EDGES, np.swapaxes(R, 1, 2), convention="vision", covariances=seen
+    )
+    assert again.covariances is not None
+    np.testing.assert_allclose(again.covariances, graph.covariances, atol=1e-15)
+
+
+def test_graphs_keep_their_covariances(truth: NDArray[np.float64]) -> None:
+    rng = np.random.default_rng(4)
+    graph = measured(rng, truth, covariances(rng, 0.05))
+    assert graph.covariances is not None
+    for copy in (pickle.loads(pickle.dumps(graph)), graph.with_weights(np.ones(len(EDGES)))):
+        assert np.array_equal(copy.covariances, graph.covariances)
+    part = graph.subgraph([1, 4, 5])
+    assert part.covariances is not None
+    kept = [k for k, (i, j) in enumerate(EDGES) if {i, j} <= {1, 4, 5}]
+    assert np.array_equal(part.covariances, graph.covariances[kept])
+
+
+def test_two_components_and_a_robust_loss(truth: NDArray[np.float64]) -> None:
+    rng = np.random.default_rng(4)
+    one = measured(rng, truth, covariances(rng, 0.05))
+    assert one.covariances is not None
+    both = rotavg.MeasurementGraph(
+        np.concatenate([EDGES, EDGES + 10]),
+        np.tile(one.rotations, (2, 1, 1)),
+        covariances=np.tile(one.covariances, (2, 1, 1)),
+        nodes=range(17),
+    )
+    solution = rotavg.solve(both, anisotropic=True)
+    alone = rotavg.solve(one, anisotropic=True).rotations
+    np.testing.assert_allclose(solution.rotations[:6], alone, atol=1e-9)
+    np.testing.assert_allclose(solution.rotations[10:16], alone, atol=1e-9)
+    assert np.array_equal(solution.rotations[6], np.eye(3))
+    robust = rotavg.solve(both, anisotropic=True, loss="huber")
+    assert robust.status.converged
+    assert np.isfinite(robust.covariances()).all()
+
+
+def test_bad_requests_say_what_is_wrong(truth: NDArray[np.float64]) -> None:
+    rotations = np.tile(np.eye(3), (9, 1, 1))
+    C = np.tile(np.eye(3), (9, 1, 1))
+    C[4, 2, 2] = -1
+    with pytest.raises(rotavg.GraphError, match=r"edge 4 \(4 -> 5\).*not symmetric and positive"):
+        rotavg.MeasurementGraph(EDGES, rotations, covariances=C)
+    C[4, 2, 2] = np.nan
+    with pytest.raises(rotavg.GraphError, match=r"edge 4 .*NaN"):
+        rotavg.MeasurementGraph(EDGES, rotations, covariances=C)
+    with pytest.raises(rotavg.GraphError, match=r"covariances have shape \(3, 3\)"):
+        rotavg.MeasurementGraph(EDGES, rotations, covariances=np.eye(3))
+    plain = rotavg.MeasurementGraph(EDGES, rotations)
+    with pytest.raises(rotavg.OptionError, match="needs a graph with covariances"):
+        rotavg.solve(plain, anisotropic=True)
+    with pytest.raises(rotavg.OptionError, match="not possible with priors"):
+        rotavg.solve(plain, anisotropic=True, priors=rotavg.Priors(fixed={0: np.eye(3)}))
+
+
+def test_g2o_holds_covariances(tmp_path: Path) -> None:
+    path = tmp_path / "g.g2o"
+    translation = "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0"
+    lines = [
+        f"EDGE_SE3:QUAT {i} {j} 0 0 0 0.1 0 {k / 50} 1 {translation} 4 1 0 3 0 2"
+        for k, (i, j) in enumerate([(0, 1), (1, 2), (2, 0)])
+    ]
+    path.write_text("\n".join(lines))
+    graph = rotavg.read(path)
+    omega = np.array([[4, 1, 0], [1, 3, 0], [0, 0, 2]])
+    assert graph.covariances is not None
+    np.testing.assert_allclose(graph.covariances[1], np.linalg.inv(omega), atol=1e-15)
+    assert rotavg.read(path, unit_weights=True).covariances is None
+    command = [sys.executable, "-m", "rotavg", "solve", str(path), "--anisotropic"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "locally optimal, not certified" in done.stdout
+    refused = subprocess.run([*command, "--unit-weights"], capture_output=True, check=False)
+    assert refused.returncode == 2
