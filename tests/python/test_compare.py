@@ -97,6 +97,24 @@ def test_rotations_come_back_from_every_format_a_solution_is_written_in(
     np.testing.assert_allclose(rotations, solution.rotations, atol=1e-12)
 
 
+def test_rotations_come_back_from_the_vision_family(tmp_path: Path) -> None:
+    solution = rotavg.solve(rotavg.simulate("complete", 12, noise=0.1, seed=4).graph)
+    path = tmp_path / "x_glomap_rotations.txt"
+    rotavg.write(path, solution)
+    np.testing.assert_allclose(rotavg.read_rotations(path)[1], solution.rotations, atol=1e-12)
+    other = path.rename(tmp_path / "x.txt")
+    rotations = rotavg.read_rotations(other, format="glomap")[1]
+    np.testing.assert_allclose(rotations, solution.rotations, atol=1e-12)
+    text = tmp_path / "s.txt"
+    rotavg.write(text, solution)
+    turned = rotavg.read_rotations(text, convention="vision")[1]
+    np.testing.assert_allclose(turned, np.swapaxes(solution.rotations, 1, 2), atol=1e-12)
+    figures = json.loads(run("compare", text, other, "--reference-format", "glomap", "--json"))
+    assert figures["max_deg"] < 1e-5
+    with pytest.raises(rotavg.FormatError, match="by definition"):
+        rotavg.read_rotations(other, format="glomap", convention="pose")
+
+
 def test_names_come_back_as_names(tmp_path: Path) -> None:
     graph = rotavg.MeasurementGraph.from_rotvecs([("a.jpg", "b.jpg")], [[0.1, 0, 0]])
     rotavg.write(tmp_path / "s.txt", rotavg.solve(graph))

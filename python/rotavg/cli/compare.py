@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, Callable
 
 import click
 import numpy as np
@@ -11,27 +12,51 @@ import rotavg
 from rotavg.cli import options
 from rotavg.cli.output import print_json, print_table
 from rotavg.compare import SHARES_DEG
+from rotavg.conventions import Convention
 from rotavg.ids import rows_of
-from rotavg.io.rotations import read_rotations
+from rotavg.io.rotations import KINDS, read_rotations
+
+
+def _format(name: str, of: str) -> Callable[[Any], Any]:
+    return click.option(name, type=click.Choice(KINDS), help=f"Format of {of}, if not told by it.")
+
+
+def _convention(name: str, of: str) -> Callable[[Any], Any]:
+    text = f"Family of {of}: pose (world_from_node, the default) or vision (its transpose)."
+    return click.option(name, type=click.Choice(["pose", "vision"]), help=text)
 
 
 @click.command()
 @click.argument("solution_path", metavar="SOLUTION", type=options.PATH)
 @click.argument("reference_path", metavar="REFERENCE", type=options.PATH)
+@_format("--format", "SOLUTION")
+@_convention("--convention", "SOLUTION")
+@_format("--reference-format", "REFERENCE")
+@_convention("--reference-convention", "REFERENCE")
 @options.as_json
-def compare(solution_path: Path, reference_path: Path, as_json: bool) -> None:
+def compare(
+    solution_path: Path,
+    reference_path: Path,
+    format: str | None,
+    convention: Convention | None,
+    reference_format: str | None,
+    reference_convention: Convention | None,
+    as_json: bool,
+) -> None:
     """Tell how far the rotations in SOLUTION are from those in REFERENCE.
 
-    Both are text or CSV files of `id qx qy qz qw`, npz archives of solutions, or g2o files with
-    vertices, all of them world_from_node. They are compared at the nodes that both have, after the
-    common rotation that leaves the least sum of angles.
+    Both are text or CSV files of `id qx qy qz qw`, npz archives of solutions, g2o files with
+    vertices, or GLOMAP's rotations (*glomap_rotations.txt). They are compared at
+    the nodes that both have, after the common rotation that leaves the least sum of angles.
 
     \b
     Example:
       rotavg compare solved.txt truth.txt
     """
-    nodes, rotations = read_rotations(solution_path)
-    known, reference = read_rotations(reference_path)
+    nodes, rotations = read_rotations(solution_path, format=format, convention=convention)
+    known, reference = read_rotations(
+        reference_path, format=reference_format, convention=reference_convention
+    )
     rows = rows_of(nodes, known)
     common = rows >= 0
     if not common.any():

@@ -3,6 +3,7 @@
 id qx qy qz qw           text or CSV, as a solution is written
 nodes, rotations         npz, as a solution is written
 VERTEX_SE3:QUAT          g2o
+NAME qw qx qy qz         GLOMAP, camera_from_world (vision family)
 """
 
 from __future__ import annotations
@@ -17,24 +18,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.arrays import as_floats
-from rotavg.conventions import first_bad_quaternion, matrices_from_quaternions
+from rotavg.conventions import (
+    Convention,
+    convert_family,
+    first_bad_quaternion,
+    matrices_from_quaternions,
+    xyzw_from_wxyz,
+)
 from rotavg.errors import FormatError, GraphError
 from rotavg.ids import IdArray, as_nodes
 from rotavg.io.formats import FORMATS
+from rotavg.io.glomap import GLOMAP
 from rotavg.io.lines import check_finite, content_lines, is_number, number_table
 from rotavg.io.registry import read_bytes
 from rotavg.io.text import SOLUTION_HEADER
 
+KINDS = ("text", "csv", "npz", "g2o", "glomap")
 _VERTEX = b"VERTEX_SE3:QUAT"
 _EXPECTED = "expected rotations: id qx qy qz qw"
 
 
-def read_rotations(path: str | os.PathLike[str]) -> tuple[IdArray, NDArray[np.float64]]:
+def read_rotations(
+    path: str | os.PathLike[str],
+    *,
+    format: str | None = None,
+    convention: Convention | None = None,
+) -> tuple[IdArray, NDArray[np.float64]]:
     """Read absolute rotations.
 
     Args:
-        path: a text or CSV file of `id qx qy qz qw`, an npz archive of a solution, or a g2o file
-            with vertices; told by the content.
+        path: a text or CSV file of `id qx qy qz qw`, an npz archive of a solution, a g2o file with
+            vertices, or GLOMAP's rotations `NAME qw qx qy qz`; told by the content, GLOMAP's by
+            their name (*glomap_rotations.txt).
+        format: one of `KINDS`, to leave nothing to be told.
+        convention: the family of the rotations, "pose" or "vision", where text and npz leave that
+            open; "pose" by default.
 
     Returns:
         The ids (n,) and the rotations (n, 3, 3) world_from_node.
@@ -45,9 +63,32 @@ def read_rotations(path: str | os.PathLike[str]) -> tuple[IdArray, NDArray[np.fl
     """
     path = Path(path)
     data = read_bytes(FORMATS, path)
+    kind = _kind(path, data) if format is None else format
+    if kind not in KINDS:
+        known = ", ".join(KINDS)
+        raise FormatError(f"{kind!r} holds no rotations, expected one of {known}", path=path)
+    family = convention or ("vision" if kind == "glomap" else "pose")
+    if convention is not None and kind == "g2o" and convention != "pose":
+        raise FormatError("g2o is in the pose family by definition", path=path)
+    if kind == "glomap" and family != "vision":
+        raise FormatError("glomap is in the vision family by definition", path=path)
+    if kind == "npz":
+        nodes, rotations = _from_npz(path, data)
+    else:
+        nodes, rotations = _from_lines(path, data, kind)
+    return nodes, convert_family(rotations, family)
+
+
+def _kind(path: Path, data: bytes) -> str:
     if data.startswith(b"PK\x03\x04"):
-        return _from_npz(path, data)
-    vertices = _VERTEX in data
+        return "npz"
+    if _VERTEX in data:
+        return "g2o"
+    return "glomap" if GLOMAP.is_name(path) else "text"
+
+
+def _from_lines(path: Path, data: bytes, kind: str) -> tuple[IdArray, NDArray[np.float64]]:
+    vertices = kind == "g2o"
     ids: list[bytes] = []
     rows: list[bytes] = []
     lines: list[int] = []
@@ -71,6 +112,8 @@ def read_rotations(path: str | os.PathLike[str]) -> tuple[IdArray, NDArray[np.fl
     bad = first_bad_quaternion(table)
     if bad is not None:
         raise FormatError(bad[1], path=path, line=lines[bad[0]])
+    if kind == "glomap":
+        table = xyzw_from_wxyz(table)
     return _nodes(path, [field.decode(errors="replace") for field in ids]), (
         matrices_from_quaternions(table)
     )
