@@ -31,7 +31,10 @@ def in_terminal(
     **environment: str,
 ) -> tuple[int, str]:
     """Exit status, and all that a terminal of 100 columns got to see."""
-    master, slave = pty.openpty()
+    try:
+        master, slave = pty.openpty()
+    except OSError as error:
+        pytest.skip(f"no pseudo-terminal can be opened here: {error}")
     settings = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "100", **environment}
     for name in ("NO_COLOR", "FORCE_COLOR"):
         if name not in environment:

@@ -130,8 +130,7 @@ inline double larger(double a, double b) { return std::isnan(a) || b <= a ? a : 
 
 inline Verdict verdict_of(const ComponentCertificate& certificate, double tolerance) {
   if (!(certificate.relative_gap <= tolerance)) return Verdict::not_certified;
-  return certificate.method == CertificateMethod::eigenvalue ? Verdict::estimated
-                                                             : Verdict::proved;
+  return certificate.method == CertificateMethod::eigenvalue ? Verdict::estimated : Verdict::proved;
 }
 
 /// @param bound what S at R says
@@ -176,8 +175,8 @@ inline Certificate certify(const MeasurementGraph& graph, const Rotations& R,
     if (components.nodes[c].size() < 2) {  // every rotation is optimal
       part = {Verdict::proved, CertificateMethod::factorization, 0.0, 0.0, 0.0};
     } else {
-      const ComponentBound bound = detail::bound_component(CertificateMatrix(sums, components, c),
-                                                           eliminations[c], options);
+      const ComponentBound bound =
+          detail::bound_component(CertificateMatrix(sums, components, c), eliminations[c], options);
       part = detail::certify_component(bound, known.empty() ? LowerBound{} : known[c], measures[c],
                                        options.tolerance);
     }

@@ -79,8 +79,7 @@ inline Eigenpair min_eigenvalue_on_complement(const CertificateMatrix& S,
 /// leftover K = S N makes it less than zero by little.
 /// @param lowest what it is not below
 inline double lambda_min_near_null_vectors(const CertificateMatrix& S, const Eigen::MatrixXd& K,
-                                           double lowest,
-                                           const std::function<bool()>& keep_going) {
+                                           double lowest, const std::function<bool()>& keep_going) {
   if (lowest >= -1e-13 * S.max_degree()) return lowest;
   Eigen::MatrixXd start(S.size(), 6);
   start << S.null_vectors(), S.divide_by_degree(K);
@@ -89,10 +88,10 @@ inline double lambda_min_near_null_vectors(const CertificateMatrix& S, const Eig
 }
 
 /// An estimate of the bound where nothing can be factorised, for the case that S is positive on the
-/// complement of its null vectors. With D the degrees, Lanczos' method finds the smallest eigenvalue
-/// theta of D^-1/2 S D^-1/2 on the complement of D^1/2 N. Split any x as N c + z with N^T D z = 0:
-/// with the leftover K = S N, x^T S x >= 2 c^T K^T z + theta z^T D z >= -|D^-1/2 K c|^2 / theta, and
-/// as c is a weighted mean of the blocks of x,
+/// complement of its null vectors. With D the degrees, Lanczos' method finds the smallest
+/// eigenvalue theta of D^-1/2 S D^-1/2 on the complement of D^1/2 N. Split any x as N c + z with
+/// N^T D z = 0: with the leftover K = S N, x^T S x >= 2 c^T K^T z + theta z^T D z >= -|D^-1/2 K
+/// c|^2 / theta, and as c is a weighted mean of the blocks of x,
 ///
 ///     f(R) - f* <= |D^-1/2 K|_F^2 / theta
 ///

@@ -28,7 +28,7 @@ struct LiftedPoint {
   double objective = 0.0;
   LiftedBlocks gradient;           ///< Riemannian: 2 S Z
   double relative_gradient = 0.0;  ///< max |gradient_i|_F / deg_i
-  std::vector<Matrix3> Lambda;     ///< sym(sum_j E_ij Z_j Z_i^T), one for each node of the component
+  std::vector<Matrix3> Lambda;  ///< sym(sum_j E_ij Z_j Z_i^T), one for each node of the component
 };
 
 /// The problem (3) on one component with rotations lifted to p dimensions (Burer and Monteiro 2003;

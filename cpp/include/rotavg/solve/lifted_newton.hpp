@@ -20,9 +20,9 @@
 
 namespace rotavg {
 
-/// An approximate inverse of the connection Laplacian D (x) I - E, to which the Hessian / 2 is close
-/// where residuals are small: that of its blocks at the first node and at all others, or, where it
-/// is too large to factor, that of the degrees.
+/// An approximate inverse of the connection Laplacian D (x) I - E, to which the Hessian / 2 is
+/// close where residuals are small: that of its blocks at the first node and at all others, or,
+/// where it is too large to factor, that of the degrees.
 class ConnectionMetric {
  public:
   /// @param problem must outlive this object
@@ -94,8 +94,8 @@ inline LiftedResult lifted_newton(const LiftedProblem& problem, ConnectionMetric
     LiftedBlocks next;
     for (int k = 0; k < max_halvings; ++k, t *= 0.5) {
       next = problem.retract(at.Z, t * V);
-      const double enough = at.objective + sufficient * t * slope +
-                            objective_rounding(total_weight, at.objective);
+      const double enough =
+          at.objective + sufficient * t * slope + objective_rounding(total_weight, at.objective);
       if (problem.objective(next) <= enough) break;
       next.resize(0, 0);
     }

@@ -14,7 +14,7 @@ enum class Method {
   newton,  ///< Newton's method in the metric of the graph Laplacian
   /// the Riemannian staircase: up in rank at once, and down to rotations
   staircase,
-  bcdsr,   ///< block coordinate descent on the semidefinite relaxation, the paper's baseline
+  bcdsr,  ///< block coordinate descent on the semidefinite relaxation, the paper's baseline
 };
 
 /// When an iteration has converged.

@@ -214,8 +214,8 @@ class FrontDoor {
   }
 
   static bool is_better(const Solution& a, const Solution& b) {
-    const bool certified = a.certificate.verdict == Verdict::proved ||
-                           a.certificate.verdict == Verdict::estimated;
+    const bool certified =
+        a.certificate.verdict == Verdict::proved || a.certificate.verdict == Verdict::estimated;
     return certified || a.objective < b.objective;
   }
 
