@@ -85,7 +85,7 @@ def test_what_cannot_be_compared_is_refused() -> None:
         rotavg.compare(R, R, component=[0, 1])
 
 
-@pytest.mark.parametrize("suffix", [".txt", ".csv", ".npz", ".g2o"])
+@pytest.mark.parametrize("suffix", [".txt", ".csv", ".npz", ".g2o", ".toro"])
 def test_rotations_come_back_from_every_format_a_solution_is_written_in(
     tmp_path: Path, suffix: str
 ) -> None:
@@ -113,6 +113,16 @@ def test_rotations_come_back_from_the_vision_family(tmp_path: Path) -> None:
     assert figures["max_deg"] < 1e-5
     with pytest.raises(rotavg.FormatError, match="by definition"):
         rotavg.read_rotations(other, format="glomap", convention="pose")
+
+
+def test_vertices_in_the_plane_are_turns_about_z(tmp_path: Path) -> None:
+    path = tmp_path / "p.g2o"
+    for tag in ("VERTEX_SE2", "VERTEX2"):
+        path.write_text(f"{tag} 3 1 2 0.5\n{tag} 4 1 2 -1\n")
+        nodes, rotations = rotavg.read_rotations(path)
+        assert nodes.tolist() == [3, 4]
+        expected = Rotation.from_rotvec([[0, 0, 0.5], [0, 0, -1]]).as_matrix()
+        np.testing.assert_allclose(rotations, expected, atol=1e-15)
 
 
 def test_names_come_back_as_names(tmp_path: Path) -> None:

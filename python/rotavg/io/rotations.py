@@ -2,7 +2,7 @@
 
 id qx qy qz qw           text or CSV, as a solution is written
 nodes, rotations         npz, as a solution is written
-VERTEX_SE3:QUAT          g2o
+VERTEX...                g2o and TORO, see `dialects`
 NAME qw qx qy qz         GLOMAP, camera_from_world (vision family)
 """
 
@@ -27,14 +27,15 @@ from rotavg.conventions import (
 )
 from rotavg.errors import FormatError, GraphError
 from rotavg.ids import IdArray, as_nodes
+from rotavg.io.dialects import DIALECTS
 from rotavg.io.formats import FORMATS
+from rotavg.io.g2o import G2O, TORO
 from rotavg.io.glomap import GLOMAP
 from rotavg.io.lines import check_finite, content_lines, is_number, number_table
-from rotavg.io.registry import read_bytes
+from rotavg.io.registry import HEAD_SIZE, read_bytes
 from rotavg.io.text import SOLUTION_HEADER
 
 KINDS = ("text", "csv", "npz", "g2o", "glomap")
-_VERTEX = b"VERTEX_SE3:QUAT"
 _EXPECTED = "expected rotations: id qx qy qz qw"
 
 
@@ -74,6 +75,8 @@ def read_rotations(
         raise FormatError("glomap is in the vision family by definition", path=path)
     if kind == "npz":
         nodes, rotations = _from_npz(path, data)
+    elif kind == "g2o":
+        nodes, rotations = _from_vertices(path, data)
     else:
         nodes, rotations = _from_lines(path, data, kind)
     return nodes, convert_family(rotations, family)
@@ -82,23 +85,18 @@ def read_rotations(
 def _kind(path: Path, data: bytes) -> str:
     if data.startswith(b"PK\x03\x04"):
         return "npz"
-    if _VERTEX in data:
+    if G2O.recognises(data[:HEAD_SIZE]) or TORO.recognises(data[:HEAD_SIZE]):
         return "g2o"
     return "glomap" if GLOMAP.is_name(path) else "text"
 
 
 def _from_lines(path: Path, data: bytes, kind: str) -> tuple[IdArray, NDArray[np.float64]]:
-    vertices = kind == "g2o"
     ids: list[bytes] = []
     rows: list[bytes] = []
     lines: list[int] = []
-    for line, text in content_lines(path, data if vertices else data.replace(b",", b" ")):
+    for line, text in content_lines(path, data.replace(b",", b" ")):
         fields = text.split()
-        if vertices:
-            if fields[0] != _VERTEX:
-                continue
-            fields = [*fields[1:2], *fields[5:]]
-        elif not lines and [f.decode(errors="replace").lower() for f in fields] == SOLUTION_HEADER:
+        if not lines and [f.decode(errors="replace").lower() for f in fields] == SOLUTION_HEADER:
             continue
         if len(fields) != 5 or not any(map(is_number, fields[1:])):
             raise FormatError(f"found {len(fields)} fields, {_EXPECTED}", path=path, line=line)
@@ -117,6 +115,36 @@ def _from_lines(path: Path, data: bytes, kind: str) -> tuple[IdArray, NDArray[np
     return _nodes(path, [field.decode(errors="replace") for field in ids]), (
         matrices_from_quaternions(table)
     )
+
+
+def _from_vertices(path: Path, data: bytes) -> tuple[IdArray, NDArray[np.float64]]:
+    names: list[str] = []
+    rotations = [np.empty((0, 3, 3))]
+    for dialect in DIALECTS:
+        rows: list[bytes] = []
+        lines: list[int] = []
+        for line, text in content_lines(path, data):
+            fields = text.split(None, 2)
+            if fields[0] != dialect.vertex:
+                continue
+            if len(fields) < 3:
+                raise FormatError("the vertex has no pose", path=path, line=line)
+            names.append(fields[1].decode(errors="replace"))
+            rows.append(fields[2])
+            lines.append(line)
+        if not lines:
+            continue
+        table = number_table(path, rows, lines, dialect.num_pose)
+        check_finite(path, table, lines)
+        turns = table[:, dialect.dimension :]
+        bad = first_bad_quaternion(turns) if dialect.turn == 4 else None
+        if bad is not None:
+            raise FormatError(bad[1], path=path, line=lines[bad[0]])
+        rotations.append(dialect.rotations(turns))
+    if not names:
+        tags = ", ".join(dialect.vertex.decode() for dialect in DIALECTS)
+        raise FormatError(f"the file has no vertices, expected lines {tags}", path=path)
+    return _nodes(path, names), np.concatenate(rotations)
 
 
 def _nodes(path: Path, names: list[str]) -> IdArray:
