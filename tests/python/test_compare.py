@@ -155,10 +155,10 @@ def test_bad_files_are_told_with_line_and_reason(
 
 
 def test_an_npz_of_a_graph_holds_no_solution(tmp_path: Path) -> None:
-    graph = rotavg.simulate("complete", 4, seed=0).graph
-    rotavg.write(tmp_path / "g.npz", graph)
-    with pytest.raises(rotavg.FormatError, match="rotations have shape"):
-        rotavg.read_rotations(tmp_path / "g.npz")
+    for kind in ("complete", "cycle"):  # a cycle has as many edges as nodes
+        rotavg.write(tmp_path / "g.npz", rotavg.simulate(kind, 5, seed=0).graph)
+        with pytest.raises(rotavg.FormatError, match="found a graph, expected absolute"):
+            rotavg.read_rotations(tmp_path / "g.npz")
     (tmp_path / "z.npz").write_bytes(b"PK\x03\x04 and nothing")
     with pytest.raises(rotavg.FormatError, match="no readable npz"):
         rotavg.read_rotations(tmp_path / "z.npz")

@@ -171,6 +171,8 @@ def _from_npz(path: Path, data: bytes) -> tuple[IdArray, NDArray[np.float64]]:
             if not {"nodes", "rotations"} <= set(archive.files):
                 expected = "expected nodes (n,) and rotations (n, 3, 3)"
                 raise FormatError(f"found the arrays {found}, {expected}", path=path)
+            if "edges" in archive.files and str(archive.get("kind", "graph")) != "solution":
+                raise FormatError("found a graph, expected absolute rotations", path=path)
             nodes, rotations = archive["nodes"], archive["rotations"]
     except (OSError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
         if isinstance(error, FormatError):
