@@ -11,6 +11,7 @@ Convention (pose family): R_i is world_from_i, R_ij is i_from_j, and R_i R_ij = 
 """
 
 from rotavg._core import Progress, __version__
+from rotavg.certificate import Certificate, ComponentCertificate, Verdict
 from rotavg.compare import Comparison, compare
 from rotavg.errors import (
     Error,
@@ -29,15 +30,7 @@ from rotavg.positions import positions
 from rotavg.priors import Priors
 from rotavg.robust import CycleEvidence, RobustFit, cycle_evidence
 from rotavg.simulate import Simulation, simulate
-from rotavg.solution import (
-    Certificate,
-    ComponentCertificate,
-    Solution,
-    Status,
-    Timings,
-    Trace,
-    Verdict,
-)
+from rotavg.solution import Solution, Status, Timings, Trace
 from rotavg.solve import certify, gradient, objective, solve
 from rotavg.translations import RelativeTranslations
 

@@ -263,15 +263,17 @@ def _about(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
 def _taking(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotations (k, 3, 3) that take the unit vector a (3,) to the unit vectors b (k, 3).
 
-    Two half turns, about a and then about the bisector; where b = -a, about what is across.
+    Two half turns, about a and then about the bisector. Where b is nearer to -a, a half turn about
+    what is across comes before, as sums of nearly opposite vectors drown in rounding.
     """
     if len(b) == 0:
         return np.empty((0, 3, 3))
     across = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
-    middle = a + b
-    opposite = np.linalg.norm(middle, axis=1) < 1e-8
-    middle[opposite] = across
+    across /= np.linalg.norm(across)
+    flipped = (b @ a < 0)[:, None]
+    middle = np.where(flipped, -a, a) + b
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-    second = 2 * middle[:, :, None] * middle[:, None, :] - np.eye(3)
-    first = np.where(opposite[:, None, None], np.eye(3), 2 * np.outer(a, a) - np.eye(3))
-    return np.asarray(_core.nearest_rotation(second @ first))
+    to_b = 2 * middle[:, :, None] * middle[:, None, :] - np.eye(3)
+    about_a, about_across = (2 * np.outer(axis, axis) - np.eye(3) for axis in (a, across))
+    first = np.where(flipped[:, :, None], about_a @ about_across, about_a)
+    return np.asarray(_core.nearest_rotation(to_b @ first))

@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from rotavg import _core
 from rotavg.anisotropic import refined
 from rotavg.arrays import as_floats, read_only
+from rotavg.certificate import Certificate, ComponentCertificate
 from rotavg.errors import GraphError, OptionError, SolverError
 from rotavg.graph import MeasurementGraph
 from rotavg.grounded import ground
 from rotavg.priors import Priors
 from rotavg.robust import Loss, RobustFit
-from rotavg.solution import Certificate, ComponentCertificate, Solution, Status, Timings, Trace
+from rotavg.solution import Solution, Status, Timings, Trace
 from rotavg.solve_grounded import solve_grounded
 
 Method = Literal["auto", "bcd", "sum", "newton", "staircase", "bcdsr"]

@@ -292,6 +292,35 @@ TEST_CASE("a full extra twist of a noiseless cycle is stationary and refuted, la
   }
 }
 
+TEST_CASE("an estimate does not overlook a twisted cycle that hangs on a graph without noise") {
+  // All of S's negative directions lie in the cycle, and an iteration may meet the others first.
+  Random random;
+  INFO(random.replay());
+  constexpr Index n = 200;
+  for (const Index c : {6, 12, 50, 300}) {
+    for (const double weight : {1.0, 1e-3}) {
+      std::vector<RelativeRotation> measurements;
+      for (const auto& [i, j] : test::cycle(c)) {
+        measurements.push_back({i, j, Matrix3::Identity(), weight});
+      }
+      for (const auto& [i, j] : test::random_connected(random, n, 4 * n)) {
+        measurements.push_back({c + i, c + j});
+      }
+      measurements.push_back({0, c});
+      const MeasurementGraph graph(measurements);
+      Rotations R = test::twisted(c, 1);
+      R.resize(c + n, Matrix3::Identity());
+      const double f = objective(graph, R);
+      REQUIRE(f == doctest::Approx(8.0 * weight * c * std::pow(std::sin(pi / c), 2)));
+      const Certificate certificate = certify(graph, R, by_eigenvalue());
+      CAPTURE(c);
+      CAPTURE(weight);
+      CHECK(certificate.verdict == Verdict::not_certified);
+      CHECK(certificate.gap >= f * (1.0 - 1e-9));  // f* = 0
+    }
+  }
+}
+
 TEST_CASE("the optimum of a noisy cycle spreads its closing angle evenly, and is proved") {
   Random random;
   INFO(random.replay());

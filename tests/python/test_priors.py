@@ -120,6 +120,16 @@ def test_the_gap_bounds_the_distance_from_the_optimum_with_gravity(
     assert early.certificate.relative_gap == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("off", [0.0, 1e-12, 1e-9, 1e-8, 1e-7, 1e-4])
+def test_gravity_of_a_camera_that_is_upside_down_is_exact(off: float) -> None:
+    seen = np.array([off, -1.0, 0.0])  # all but opposite to down
+    graph = rotavg.MeasurementGraph([(0, 1)], [np.eye(3)])
+    solution = rotavg.solve(graph, priors=Priors(gravity={0: (seen, 1.0)}, down=DOWN))
+    assert np.abs(solution.rotations[0] @ seen / np.linalg.norm(seen) - DOWN).max() < 2e-15
+    assert solution.certificate is not None
+    assert solution.certificate.verdict == "proved"
+
+
 def test_certain_gravity_leaves_the_heading_alone(
     simulation: rotavg.Simulation, truth: NDArray[np.float64]
 ) -> None:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotavg.solution import Certificate, Solution, Verdict
+from rotavg.certificate import Certificate, Verdict
+from rotavg.solution import Solution
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from rotavg.certificate import Verdict
 from rotavg.graph import MeasurementGraph
-from rotavg.solution import Solution, Verdict
+from rotavg.solution import Solution
 from rotavg.solve import certify, solve
 
 # The paper's rule with an epsilon of ours, as it does not print its own. For BCDSR it gives no

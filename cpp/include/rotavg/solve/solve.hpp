@@ -159,6 +159,7 @@ class FrontDoor {
     solution.method = method;
     static_cast<IterationResult&>(solution) = iterate(R, method, solution);
     iterations_ += solution.iterations;
+    solution.certificate = Certificate{};  // an older one is of other rotations
     solution.components = components_;
     fix_gauge(components_, solution.rotations);
     solution.timings.solve += watch_.seconds() - before;
@@ -213,10 +214,12 @@ class FrontDoor {
                               : "; a second run, from the chordal start, did no better";
   }
 
+  /// Whether a is to replace b. A certified answer wins a tie, for its certificate; but where b is
+  /// lower by more than the gap, the certificate of a, an estimate, is wrong.
   static bool is_better(const Solution& a, const Solution& b) {
     const bool certified =
         a.certificate.verdict == Verdict::proved || a.certificate.verdict == Verdict::estimated;
-    return certified || a.objective < b.objective;
+    return certified ? a.objective <= b.objective + a.certificate.gap : a.objective < b.objective;
   }
 
   bool is_certified(const Solution& solution, Index c) const {

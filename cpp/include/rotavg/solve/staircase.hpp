@@ -113,8 +113,8 @@ class Staircase {
     if (certified) {
       text << " and met the optimum on its way down";
     } else if (solved_) {
-      text << ": the relaxation does not look tight, its optimum is " << at_.objective
-           << ", met at rank " << null_vectors().cols();
+      text << ": the relaxation does not look tight, its optimum was met at rank "
+           << null_vectors().cols();
     } else {
       text << " and was not at its end";
     }
