@@ -103,14 +103,19 @@ inline std::vector<Measure> measure_components(const ResidualQuaternions& residu
 inline ComponentBound bound_component(const CertificateMatrix& S, Elimination& elimination,
                                       const CertificateOptions& options) {
   const double limit = options.max_factorization_flops;
-  // The connectivity first, where it is worth a try: it takes no longer than the limit, and less
-  // than a quarter of the whole factorisation.
   constexpr double not_worth_it = 1e9;
-  const double flops = connectivity_flops(S);
+  const auto stopped = [&] { return options.keep_going && !options.keep_going(); };
+  // The connectivity first, where the whole factorisation is not quick: near complete graphs before
+  // that is even analysed; elsewhere where it takes no longer than the limit, and less than a
+  // quarter of the whole.
+  const double flops = Connectivity::flops(S.num_nodes());
+  if (27.0 * flops > not_worth_it && Connectivity::is_near_complete(S)) {
+    const ComponentBound bound = Connectivity(S).bound_by_norm(options.keep_going);
+    if (bound.method == CertificateMethod::connectivity || stopped()) return bound;
+  }
   if (flops <= limit && elimination.flops(3, limit) > std::max(4.0 * flops, not_worth_it)) {
-    const ComponentBound bound = bound_by_connectivity(S, options.keep_going);
-    const bool stopped = options.keep_going && !options.keep_going();
-    if (bound.method == CertificateMethod::connectivity || stopped) return bound;
+    const ComponentBound bound = Connectivity(S).bound_by_factorization(options.keep_going);
+    if (bound.method == CertificateMethod::connectivity || stopped()) return bound;
   }
   if (elimination.flops(3, limit) > limit) {
     const ComponentBound bound = bound_by_positive_eigenvalue(S, options.keep_going);

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <functional>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Core>
@@ -18,14 +19,8 @@
 
 namespace rotavg {
 
-/// Operations that bound_by_connectivity takes.
-inline double connectivity_flops(const CertificateMatrix& S) {
-  const double n = S.num_nodes();
-  return n * n * n / 3.0;
-}
-
-/// A proof at 1/27 of the cost of factorising S, for well connected graphs: that the algebraic
-/// connectivity exceeds what the residuals can take away.
+/// Proofs at 1/27 of the cost of factorising S or less, for well connected graphs: that the
+/// algebraic connectivity exceeds what the residuals can take away.
 ///
 /// In the global frame S = L (x) I_3 + N, with N_ij = -(E_ij - w I) and N_ii = sum (sym E_ij - w
 /// I). By blocks, N >= -diag(d_i + r_i) (x) I_3 with
@@ -33,77 +28,136 @@ inline double connectivity_flops(const CertificateMatrix& S) {
 ///     d_i = |N_ii|_2,     r_i = sum_j |N_ij|_2 = sum_j w 2 sin(angle_ij / 2) = sum_j 2 sqrt(w)
 ///     |v_ij|
 ///
-/// (Gershgorin, for blocks). One dense n x n Cholesky factorisation of
+/// (Gershgorin, for blocks). For all z orthogonal to the null vectors N = [I … I]^T, and any c,
 ///
-///     L - diag(d + r) + c 1 1^T - l I > 0
+///     z^T S z >= z^T ((L - diag(d + r) + c 1 1^T) (x) I_3) z,
 ///
-/// proves z^T S z >= l |z|^2 for all z orthogonal to the null vectors N = [I … I]^T, where the term
-/// with c vanishes. Split any x as N c + z: with the leftover K = S N, x^T S x >= 2 c^T K^T z + l
-/// |z|^2
-/// >= -|K c|^2 / l. Over the feasible set of (6) the means c of its factors satisfy sum c c^T <= I,
-/// so
+/// as the term with c vanishes. That the matrix in the middle is at least l > 0 is proved by its
+/// Cholesky factorisation or, near complete graphs, by a norm. Split any x as N c + z: with the
+/// leftover K = S N, x^T S x >= 2 c^T K^T z + l |z|^2 >= -|K c|^2 / l. Over the feasible set of (6)
+/// the means c of its factors satisfy sum c c^T <= I, so
 ///
 ///     f(R) - f* <= |K|_F^2 / l.
-///
-/// Rounding: with a computed factor of M, |E|_2 <= (n + 2) u tr M (Higham 2002, Theorem 10.3, and
-/// Cauchy-Schwarz), which is taken from l.
-///
-/// @returns a bound with CertificateMethod::none where the factorisation fails: nothing is known
-/// then
-inline ComponentBound bound_by_connectivity(const CertificateMatrix& S,
-                                            const std::function<bool()>& keep_going) {
-  constexpr double part = 0.01;           // l, of the smallest degree
-  constexpr double margin = 1.0 + 1e-10;  // for rounding in d, r and the degrees
-  const MeasurementGraph& graph = S.graph();
-  const Index n = S.num_nodes();
-  double min_degree = std::numeric_limits<double>::infinity(), total_degree = 0.0;
-  for (const Index i : S.nodes()) {
-    min_degree = std::min(min_degree, graph.degree(i));
-    total_degree += graph.degree(i);
+class Connectivity {
+ public:
+  /// @param S must outlive this object
+  explicit Connectivity(const CertificateMatrix& S) : S_(S), left_(S.num_nodes(), 0.0) {
+    constexpr double margin = 1.0 + 1e-10;  // for rounding in d, r and the degrees
+    const MeasurementGraph& graph = S.graph();
+    std::vector<double> r(left_.size(), 0.0);
+    for (Index k = 0; k < graph.num_edges(); ++k) {
+      const QuaternionEdge& edge = graph.quaternion_edges()[k];
+      if (S.components().label[edge.i] != S.component()) continue;
+      const Vector4& e = S.residuals()()[k];
+      const double r_ij = 2.0 * e.head<3>().norm() * e.norm();
+      r[row(edge.i)] += r_ij;
+      r[row(edge.j)] += r_ij;
+    }
+    double min_degree = std::numeric_limits<double>::infinity();
+    for (Index a = 0; a < S.num_nodes(); ++a) {
+      const double degree = graph.degree(S.nodes()[a]);
+      const double d = -small_eigen(S.diagonal(a) - degree * Matrix3::Identity()).values(0);
+      left_[a] = degree - margin * (d + r[a]) - (margin - 1.0) * degree;
+      min_degree = std::min(min_degree, degree);
+      total_degree_ += degree;
+    }
+    l_ = part * min_degree;
+    for (double& left : left_) left -= l_;
+    is_positive_ = std::all_of(left_.begin(), left_.end(), [](double x) { return x > 0.0; });
   }
-  const double l = part * min_degree, c = total_degree / n / n;
 
-  // The lower triangle, column by column.
-  const auto size = static_cast<std::size_t>(n);
-  Buffer M(size * size);
-  std::fill_n(M.data(), size * size, c);
-  std::vector<double> r(size, 0.0);
-  const auto& row = S.components().row_in_component;
-  for (Index k = 0; k < graph.num_edges(); ++k) {
-    const QuaternionEdge& edge = graph.quaternion_edges()[k];
-    if (S.components().label[edge.i] != S.component()) continue;
-    const Index a = row[edge.i], b = row[edge.j];
-    const Vector4& e = S.residuals()()[k];
-    const double r_ij = 2.0 * e.head<3>().norm() * e.norm();
-    r[a] += r_ij;
-    r[b] += r_ij;
-    M.data()[std::min(a, b) * size + std::max(a, b)] -= e.squaredNorm();  // the weight
-  }
-  double trace = 0.0;
-  for (Index a = 0; a < n; ++a) {
-    const double degree = graph.degree(S.nodes()[a]);
-    const double d = -small_eigen(S.diagonal(a) - degree * Matrix3::Identity()).values(0);
-    double& diagonal = M.data()[a * size + a];
-    diagonal += degree - margin * (d + r[a]) - (margin - 1.0) * degree - l;
-    if (!(diagonal > 0.0)) return {};
-    trace += diagonal;
-  }
-  PartialCholesky cholesky;
-  if (cholesky(M.data(), n, 0, nullptr, keep_going) != CholeskyOutcome::positive_definite) {
-    return {};
-  }
-  constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
-  const double proved = l - 1.1 * (n + 2.0) * unit * trace;
-  if (!(proved > 0.0)) return {};
+  /// Operations that bound_by_factorization() takes.
+  static double flops(double n) { return n * n * n / 3.0; }
 
-  ComponentBound bound;
-  const Eigen::MatrixXd K = S.leftover();
-  bound.method = CertificateMethod::connectivity;
-  bound.gap = K.squaredNorm() / proved + S.rounding_trace();
-  // S >= l on the complement, so the smallest eigenvalue lies between -|K|^2 / (n l) and zero.
-  bound.lambda_min =
-      lambda_min_near_null_vectors(S, K, -K.squaredNorm() / (n * proved), keep_going);
-  return bound;
-}
+  /// By one dense n x n Cholesky factorisation of L - diag(d + r) + c 1 1^T - l I.
+  ///
+  /// Rounding: with a computed factor of M, |E|_2 <= (n + 2) u tr M (Higham 2002, Theorem 10.3, and
+  /// Cauchy-Schwarz), which is taken from l.
+  ///
+  /// @returns a bound with CertificateMethod::none where the factorisation fails: nothing is known
+  ///          then
+  ComponentBound bound_by_factorization(const std::function<bool()>& keep_going) const {
+    if (!is_positive_) return {};
+    const double n = S_.num_nodes(), c = total_degree_ / n / n;
+    // The lower triangle, column by column.
+    const std::size_t size = left_.size();
+    Buffer M(size * size);
+    std::fill_n(M.data(), size * size, c);
+    for (const QuaternionEdge& edge : S_.graph().quaternion_edges()) {
+      if (S_.components().label[edge.i] != S_.component()) continue;
+      const Index a = row(edge.i), b = row(edge.j);
+      M.data()[std::min(a, b) * size + std::max(a, b)] -=
+          edge.i_from_j.squaredNorm();  // the weight
+    }
+    double trace = 0.0;
+    for (std::size_t a = 0; a < size; ++a) trace += M.data()[a * size + a] += left_[a];
+    PartialCholesky cholesky;
+    const auto outcome = cholesky(M.data(), S_.num_nodes(), 0, nullptr, keep_going);
+    if (outcome != CholeskyOutcome::positive_definite) return {};
+    constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
+    return bound(l_ - 1.1 * (n + 2.0) * unit * trace, keep_going);
+  }
+
+  /// Whether bound_by_norm() can succeed: it asks for about half of all pairs of nodes.
+  static bool is_near_complete(const CertificateMatrix& S) {
+    double ends = 0.0;
+    for (const Index i : S.nodes()) ends += static_cast<double>(S.graph().row(i).size());
+    return ends > 0.5 * S.num_nodes() * static_cast<double>(S.num_nodes());
+  }
+
+  /// From the measurements alone, without any factorisation. With A the weights, L = diag(deg) - A,
+  /// and D = diag(deg - d - r) - l I,
+  ///
+  ///     D - A + c 1 1^T > 0   where   |D^-1/2 (A - c 1 1^T) D^-1/2|_F < 1:
+  ///
+  /// of complete graphs with equal weights the matrix in the middle is -c I.
+  ///
+  /// @returns a bound with CertificateMethod::none where the norm is larger
+  ComponentBound bound_by_norm(const std::function<bool()>& keep_going) const {
+    constexpr double almost_one = 0.99;  // rounding is far less
+    if (!is_positive_) return {};
+    // With v_ij = 1 / (D_i D_j), the square is sum v a^2 - 2 c sum v a + c^2 sum v: the least over
+    // c. Parallel edges count as one.
+    double sum_v = 0.0, sum_va = 0.0, sum_vaa = 0.0;
+    std::vector<double> weight(left_.size(), 0.0);
+    for (const double left : left_) sum_v += 1.0 / left;
+    sum_v *= sum_v;
+    for (Index a = 0; a < S_.num_nodes(); ++a) {
+      const auto half_edges = S_.graph().row(S_.nodes()[a]);
+      for (const HalfEdge& h : half_edges) weight[row(h.node)] += h.node_from_l.squaredNorm();
+      for (const HalfEdge& h : half_edges) {
+        const Index b = row(h.node);
+        const double w = std::exchange(weight[b], 0.0), vw = w / (left_[a] * left_[b]);
+        sum_va += vw;
+        sum_vaa += vw * w;
+      }
+    }
+    if (!(sum_vaa - sum_va * sum_va / sum_v < almost_one)) return {};
+    return bound(l_, keep_going);
+  }
+
+ private:
+  static constexpr double part = 0.01;  // l, of the smallest degree
+
+  Index row(Index node) const { return S_.components().row_in_component[node]; }
+
+  /// @param l what S is at least on the complement of its null vectors
+  ComponentBound bound(double l, const std::function<bool()>& keep_going) const {
+    if (!(l > 0.0)) return {};
+    ComponentBound bound;
+    const Eigen::MatrixXd K = S_.leftover();
+    bound.method = CertificateMethod::connectivity;
+    bound.gap = K.squaredNorm() / l + S_.rounding_trace();
+    // The smallest eigenvalue lies between -|K|^2 / (n l) and zero.
+    bound.lambda_min =
+        lambda_min_near_null_vectors(S_, K, -K.squaredNorm() / (S_.num_nodes() * l), keep_going);
+    return bound;
+  }
+
+  const CertificateMatrix& S_;
+  std::vector<double> left_;  ///< deg - d - r - l of every node of the component
+  double l_ = 0.0, total_degree_ = 0.0;
+  bool is_positive_ = false;
+};
 
 }  // namespace rotavg
