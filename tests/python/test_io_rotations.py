@@ -173,6 +173,9 @@ def test_eight_numbers_are_a_trajectory_if_they_end_in_a_unit_quaternion(tmp_pat
     path.write_text("1 1 0 0 0 5 6 7\n2 0 1 0 0 5 6 7\n")  # id qw qx qy qz x y z
     with pytest.raises(FormatError, match=r":1: found 8 fields, which may be tum .*nothing tells"):
         read_rotations(path)
+    path.write_text("# timestamp qw qx qy qz x y z\n1 1 0 0 0 5 6 7\n")
+    with pytest.raises(FormatError, match=r":2: found 8 fields, which may be tum .*nothing tells"):
+        read_rotations(path)
     path.write_text("1 0 0 0 .6 .8 0 0\n2 0 0 0 0 0 0 1\n")
     assert read_rotations(path)[0].tolist() == [1, 2]
 
@@ -224,6 +227,7 @@ def test_ground_truth_of_an_archive(tmp_path: Path, answer: rotavg.Solution) -> 
         ({"ground_truth": R, "nodes": [1] * 12}, "node 1 is listed more than once"),
         ({"ground_truth": R, "nodes": np.ones(12) / 2}, "nodes hold 0.5, expected an integer"),
         ({"ground_truth": 3}, "ground_truth"),
+        ({"ground_truth": R, "edges": [[0.5, 1]]}, "edges hold 0.5, expected an integer"),
         ({"ground_truth": unknown}, "ground_truth of node 0 is no rotation"),
         ({"quaternions": R}, "found the arrays quaternions, expected nodes"),
         ({"nodes": range(12), "rotations": R, "component": [0]}, r"component has shape \(1,\)"),

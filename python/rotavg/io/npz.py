@@ -94,7 +94,8 @@ def _ground_truth(path: Path, arrays: dict[str, Any]) -> AbsoluteRotations:
     """The rows that are known, of the nodes as `read_npz` has them."""
     nodes = arrays.get("nodes")
     if nodes is None and "edges" in arrays:
-        nodes = unique_ids(as_ids(arrays["edges"], "edges"))
+        with blame_line(path):
+            nodes = unique_ids(as_ids(arrays["edges"], "edges"))
     if nodes is None:
         nodes = np.arange(len(np.atleast_1d(arrays["ground_truth"])))
     nodes = distinct(path, nodes)

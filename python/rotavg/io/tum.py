@@ -22,7 +22,7 @@ from rotavg.io.registry import Format, Writable
 from rotavg.positions import positions
 
 _COLUMNS = ("timestamp", "x", "y", "z", "qx", "qy", "qz", "qw")
-_TITLE = re.compile(rb"^#\s*timestamp\s", re.MULTILINE)
+_TITLE = re.compile(rb"^#\s*timestamp(\s+\S+){3}\s+qx\s+qy\s+qz\s+qw\s*$", re.MULTILINE)
 _LENGTH_TOLERANCE = 1e-2  # of quaternions that somebody rounded
 
 
