@@ -11,7 +11,6 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -302,20 +301,6 @@ def test_a_report_replaces_nothing_it_should_not(
     assert message in done.stderr
     assert "Traceback" not in done.stderr
     assert {path: path.is_file() and path.read_bytes() for path in tmp_path.iterdir()} == before
-
-
-@pytest.mark.parametrize(
-    ("page", "made"), [("report.md", "report.html"), ("plots.md", "plots.png")]
-)
-def test_the_programs_of_the_documentation_run(
-    page: str, made: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    mpl.use("Agg")
-    docs = Path(__file__).resolve().parents[2] / "docs"
-    (program,) = re.findall(r"```python\n(.*?)```", (docs / page).read_text("utf-8"), re.DOTALL)
-    exec(program, {})
-    assert (tmp_path / made).stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("module", ["plotly.graph_objects", "jinja2"])
