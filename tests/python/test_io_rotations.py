@@ -247,6 +247,12 @@ def test_an_npz_of_a_graph_holds_no_solution(tmp_path: Path) -> None:
     (tmp_path / "z.npz").write_bytes(b"PK\x03\x04 and nothing")
     with pytest.raises(rotavg.FormatError, match="no readable npz"):
         rotavg.read_rotations(tmp_path / "z.npz")
+    content = bytearray((tmp_path / "g.npz").read_bytes())
+    entry = content.find(b"PK\x01\x02")  # of the directory at the end
+    content[entry + 10] = 99  # its compression method
+    (tmp_path / "z.npz").write_bytes(content)
+    with pytest.raises(rotavg.FormatError, match="no readable npz archive: That compression"):
+        rotavg.read_rotations(tmp_path / "z.npz")
 
 
 # --- COLMAP ---------------------------------------------------------------------------------

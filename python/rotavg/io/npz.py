@@ -34,6 +34,10 @@ _FIGURES = (
     "edge_weights", "certificate.verdict", "certificate.lambda_min", "certificate.gap",
     "certificate.relative_gap", "certificate.method",
 )  # fmt: skip
+# RuntimeError: there is a password, or a compression that Python does not know.
+_UNREADABLE = (
+    ValueError, OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error
+)  # fmt: skip
 
 
 def read_npz(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
@@ -129,7 +133,7 @@ def _arrays(path: Path, data: bytes) -> dict[str, Any]:
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise ValueError("it holds a single array")
             return {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+    except _UNREADABLE as error:
         raise FormatError(f"found no readable npz archive: {error}", path=path) from error
 
 
