@@ -54,6 +54,15 @@ def first_bad_quaternion(quaternions: NDArray[np.float64]) -> tuple[int, str] | 
     return row, f"the quaternion is {quaternions[row].tolist()}, expected finite numbers"
 
 
+def first_no_rotation(matrices: NDArray[np.float64]) -> int | None:
+    """Row of the first matrix (m, 3, 3) that is further from a rotation than 1e-3, if any is."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        error = np.abs(np.swapaxes(matrices, 1, 2) @ matrices - np.eye(3)).max(axis=(1, 2))
+    bad = ~(error < 1e-3)
+    bad[~bad] = np.linalg.det(matrices[~bad]) < 0
+    return int(np.argmax(bad)) if bad.any() else None
+
+
 def matrices_from_quaternions(quaternions: ArrayLike) -> NDArray[np.float64]:
     """Rotation matrices (..., 3, 3) of quaternions (..., 4) in xyzw order, of any length but 0.
 

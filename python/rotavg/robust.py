@@ -85,7 +85,8 @@ class RobustFit:
             ),
         ]
         if counts["bridge"]:
-            rows.append(("bridges", f"{counts['bridge']} edges that no cycle checks"))
+            some = "1 edge" if counts["bridge"] == 1 else f"{counts['bridge']} edges"
+            rows.append(("bridges", f"{some} that no cycle checks"))
         weak = self.num_parts - num_components
         if weak > 0:
             rows.append(

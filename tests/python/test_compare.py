@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 from pathlib import Path
 
@@ -15,9 +16,13 @@ import rotavg
 from rotavg.cli.main import commands
 
 
-def run(*arguments: object) -> str:
-    result = CliRunner().invoke(commands, [str(a) for a in arguments], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
+def run(*arguments: object, status: int = 0) -> str:
+    """What the command prints; if it is to fail, its error."""
+    result = CliRunner().invoke(commands, [str(a) for a in arguments])
+    if status == 2:
+        assert isinstance(result.exception, rotavg.Error)
+        return str(result.exception)
+    assert result.exit_code == 0, (result.output, result.exception)
     return result.stdout
 
 
@@ -55,10 +60,9 @@ def test_the_alignment_is_not_turned_away_by_wrong_rotations() -> None:
             assert (aligned * other.inv()).magnitude().sum() >= result.angles.sum() - 1e-6
 
 
-def test_the_same_rotations_differ_by_nothing_and_one_node_by_nothing() -> None:
+def test_the_same_rotations_differ_by_nothing() -> None:
     R, truth, _ = turned(20, 2)
     assert rotavg.compare(truth, truth).angles.max() < 1e-7
-    assert rotavg.compare(R[:1], truth[:1]).angles.max() < 1e-7
     assert "20 rotations: median" in str(rotavg.compare(R, truth))
 
 
@@ -71,8 +75,39 @@ def test_every_component_has_an_alignment_of_its_own() -> None:
     assert rotavg.compare(R, truth.as_matrix()).angles.max() > 0.1
 
 
+def in_parts() -> tuple[rotavg.Solution, np.ndarray]:
+    """A solution in components of 20, 6 and 1 node, and the truth in one gauge."""
+    parts = [rotavg.simulate("complete", n, noise=0.05, seed=n) for n in (20, 6)]
+    edges = np.concatenate([parts[0].graph.edges, parts[1].graph.edges + 20])
+    R = np.concatenate([part.graph.rotations for part in parts])
+    truth = np.concatenate([*(part.ground_truth for part in parts), np.eye(3)[None]])
+    return rotavg.solve(rotavg.MeasurementGraph(edges, R, nodes=range(27))), truth
+
+
+def test_a_solution_is_aligned_component_by_component() -> None:
+    solution, truth = in_parts()
+    turn = Rotation.random(3, random_state=3).as_matrix()[solution.component]
+    free = dataclasses.replace(solution, rotations=turn @ solution.rotations)
+    result = rotavg.compare(free, truth)
+    assert result.rows.tolist() == list(range(26))  # node 26 would fit anything
+    assert (result.num_components, result.left_out) == (2, 1)
+    for part in (slice(20), slice(20, 26)):
+        alone = rotavg.compare(solution.rotations[part], truth[part])
+        np.testing.assert_allclose(result.angles[part], alone.angles, atol=1e-9)
+    assert "26 rotations in 2 components: median" in str(result)
+    assert str(result).endswith("10 deg; 1 alone in a component left out")
+    assert np.degrees(result.angles.max()) < 5
+    one = rotavg.compare(free, truth, component=np.zeros(27))
+    assert (len(one.angles), one.num_components, one.left_out) == (27, 1, 0)
+    assert np.degrees(one.angles.max()) > 30
+
+
 def test_what_cannot_be_compared_is_refused() -> None:
     R = np.eye(3)[None]
+    with pytest.raises(rotavg.GraphError, match="no two rotations are in the same component"):
+        rotavg.compare(R, R)
+    with pytest.raises(rotavg.GraphError, match="no two rotations are in the same component"):
+        rotavg.compare([*R, *R], [*R, *R], component=["a", "b"])
     with pytest.raises(rotavg.GraphError, match="no rotations"):
         rotavg.compare([], [])
     with pytest.raises(rotavg.GraphError, match="rotations have shape"):
@@ -85,92 +120,13 @@ def test_what_cannot_be_compared_is_refused() -> None:
         rotavg.compare(R, R, component=[0, 1])
 
 
-@pytest.mark.parametrize("suffix", [".txt", ".csv", ".npz", ".g2o", ".toro"])
-def test_rotations_come_back_from_every_format_a_solution_is_written_in(
-    tmp_path: Path, suffix: str
-) -> None:
-    solution = rotavg.solve(rotavg.simulate("complete", 12, noise=0.1, seed=4).graph)
-    path = tmp_path / f"solved{suffix}"
-    rotavg.write(path, solution)
-    nodes, rotations = rotavg.read_rotations(path)
-    assert (nodes == solution.graph.nodes).all()
-    np.testing.assert_allclose(rotations, solution.rotations, atol=1e-12)
-
-
-def test_rotations_come_back_from_the_vision_family(tmp_path: Path) -> None:
-    solution = rotavg.solve(rotavg.simulate("complete", 12, noise=0.1, seed=4).graph)
-    path = tmp_path / "x_glomap_rotations.txt"
-    rotavg.write(path, solution)
-    np.testing.assert_allclose(rotavg.read_rotations(path)[1], solution.rotations, atol=1e-12)
-    other = path.rename(tmp_path / "x.txt")
-    rotations = rotavg.read_rotations(other, format="glomap")[1]
-    np.testing.assert_allclose(rotations, solution.rotations, atol=1e-12)
-    text = tmp_path / "s.txt"
-    rotavg.write(text, solution)
-    turned = rotavg.read_rotations(text, convention="vision")[1]
-    np.testing.assert_allclose(turned, np.swapaxes(solution.rotations, 1, 2), atol=1e-12)
-    figures = json.loads(run("compare", text, other, "--reference-format", "glomap", "--json"))
-    assert figures["max_deg"] < 1e-5
-    with pytest.raises(rotavg.FormatError, match="by definition"):
-        rotavg.read_rotations(other, format="glomap", convention="pose")
-
-
-def test_vertices_in_the_plane_are_turns_about_z(tmp_path: Path) -> None:
-    path = tmp_path / "p.g2o"
-    for tag in ("VERTEX_SE2", "VERTEX2"):
-        path.write_text(f"{tag} 3 1 2 0.5\n{tag} 4 1 2 -1\n")
-        nodes, rotations = rotavg.read_rotations(path)
-        assert nodes.tolist() == [3, 4]
-        expected = Rotation.from_rotvec([[0, 0, 0.5], [0, 0, -1]]).as_matrix()
-        np.testing.assert_allclose(rotations, expected, atol=1e-15)
-
-
-def test_names_come_back_as_names(tmp_path: Path) -> None:
-    graph = rotavg.MeasurementGraph.from_rotvecs([("a.jpg", "b.jpg")], [[0.1, 0, 0]])
-    rotavg.write(tmp_path / "s.txt", rotavg.solve(graph))
-    assert rotavg.read_rotations(tmp_path / "s.txt")[0].tolist() == ["a.jpg", "b.jpg"]
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("# nothing\n", "the file has no rotations"),
-        ("1 0 0 0 1\n1 0 0 0 1\n", "node 1 is listed more than once"),
-        ("1 0 0 0 1\n2 0 0 0\n", ":2: found 4 fields"),
-        ("1 0 0 0 1\n2 0 0 0 x\n", ":2: found 'x', expected a number"),
-        ("1 0 0 0 0\n", ":1: the quaternion is zero"),
-        ("1 0 0 0 nan\n", ":1: found nan"),
-        ("1 2 0 0 0 1\n", "found 6 fields, expected rotations"),
-    ],
-)
-def test_bad_files_are_told_with_line_and_reason(
-    tmp_path: Path, content: str, message: str
-) -> None:
-    path = tmp_path / "bad.txt"
-    path.write_text(content)
-    with pytest.raises(rotavg.FormatError) as error:
-        rotavg.read_rotations(path)
-    assert message in str(error.value)
-    assert str(path) in str(error.value)
-
-
-def test_an_npz_of_a_graph_holds_no_solution(tmp_path: Path) -> None:
-    for kind in ("complete", "cycle"):  # a cycle has as many edges as nodes
-        rotavg.write(tmp_path / "g.npz", rotavg.simulate(kind, 5, seed=0).graph)
-        with pytest.raises(rotavg.FormatError, match="found a graph, expected absolute"):
-            rotavg.read_rotations(tmp_path / "g.npz")
-    (tmp_path / "z.npz").write_bytes(b"PK\x03\x04 and nothing")
-    with pytest.raises(rotavg.FormatError, match="no readable npz"):
-        rotavg.read_rotations(tmp_path / "z.npz")
-
-
 def test_the_command_compares_common_nodes(tmp_path: Path) -> None:
     simulation = rotavg.simulate("complete", 15, noise=0.02, seed=6)
     solution = rotavg.solve(simulation.graph)
     rotavg.write(tmp_path / "solved.txt", solution)
     q = Rotation.from_matrix(simulation.ground_truth).as_quat()
     lines = [f"{k} {' '.join(map(repr, q[k].tolist()))}" for k in range(3, 15)] + ["99 0 0 0 1"]
-    (tmp_path / "truth.txt").write_text("\n".join(lines))
+    (tmp_path / "truth.txt").write_text("\n".join(["id qx qy qz qw", *lines]))
     figures = json.loads(run("compare", tmp_path / "solved.txt", tmp_path / "truth.txt", "--json"))
     direct = rotavg.compare(solution.rotations[3:], simulation.ground_truth[3:])
     assert figures["nodes"] == 12
@@ -179,14 +135,51 @@ def test_the_command_compares_common_nodes(tmp_path: Path) -> None:
     assert figures["median_deg"] == pytest.approx(np.degrees(direct.median), rel=1e-6)
     assert figures["share_below_5_deg"] == 1.0
     text = run("compare", tmp_path / "solved.txt", tmp_path / "truth.txt")
-    assert "12 in both, 3 in the solution only, 1 in the reference only" in text
+    assert "12 compared, 3 in the solution only, 1 in the reference only" in text
 
-    (tmp_path / "other.txt").write_text("a 0 0 0 1\n")
+    (tmp_path / "other.txt").write_text("# id qx qy qz qw\na 0 0 0 1\n")
     result = CliRunner().invoke(
         commands, ["compare", str(tmp_path / "solved.txt"), str(tmp_path / "other.txt")]
     )
     assert isinstance(result.exception, rotavg.FormatError)
     assert "expected common ids" in str(result.exception)
+
+
+def test_the_command_aligns_component_by_component(tmp_path: Path) -> None:
+    solution, truth = in_parts()
+    graph, solved, reference = tmp_path / "g.txt", tmp_path / "s.txt", tmp_path / "truth.npz"
+    rotavg.write(graph.with_suffix(".npz"), solution.graph)  # the lonely node is in it
+    rotavg.write(solved.with_suffix(".npz"), solution)
+    rotavg.write(solved, solution)
+    np.savez(reference, ground_truth=truth)
+    expected = np.degrees(rotavg.compare(solution, truth).mean)
+    for command in (
+        ("compare", solved.with_suffix(".npz"), reference),
+        ("compare", solved, reference, "--graph", graph.with_suffix(".npz")),
+        ("compare", reference, solved.with_suffix(".npz")),
+    ):
+        figures = json.loads(run(*command, "--json"))
+        assert (figures["nodes"], figures["components"], figures["left_out"]) == (26, 2, 1)
+        assert figures["mean_deg"] == pytest.approx(expected, rel=1e-6)
+    text = run("compare", solved.with_suffix(".npz"), reference)
+    assert "26 compared, 0 in the solution only, 0 in the reference only\n" in text
+    assert "2 components, each by itself; left out 1 alone in a component\n" in text
+    together = json.loads(run("compare", solved, reference, "--json"))
+    assert (together["components"], together["left_out"]) == (1, 0)
+    assert together["mean_deg"] > 5 * expected
+    # Two solutions: together are nodes that are so in both.
+    halves = dataclasses.replace(solution, component=np.repeat([0, 1], [10, 17]).astype(np.int32))
+    rotavg.write(tmp_path / "halves.npz", halves)
+    figures = json.loads(
+        run("compare", solved.with_suffix(".npz"), tmp_path / "halves.npz", "--json")
+    )
+    assert (figures["nodes"], figures["components"], figures["left_out"]) == (26, 3, 1)
+
+    rotavg.write(graph, solution.graph)  # text cannot hold the lonely node
+    message = run("compare", solved, reference, "--graph", graph, status=2)
+    assert (
+        message == f"{graph}: node 26 of {solved} is not in it, expected the graph that was solved"
+    )
 
 
 def test_the_command_solves_robustly_and_writes_the_edges(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import rotavg
 
@@ -76,39 +75,3 @@ def test_photographs_with_colmap(tmp_path: Path) -> None:
     out = run("photographs.py", "room", str(FOCAL), cwd=tmp_path)
     assert "4 images" in out
     assert rotavg.read(tmp_path / "graph.npz").num_nodes == 4
-
-
-def test_what_the_page_on_partners_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    gtsam = pytest.importorskip("gtsam", reason="gtsam is not installed")
-    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is not installed")
-    networkx = pytest.importorskip("networkx", reason="networkx is not installed")
-    page = (EXAMPLES.parent / "docs" / "partners.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    assert len(blocks) == 3
-    monkeypatch.chdir(tmp_path)
-    pycolmap.logging.minloglevel = 3
-    options = pycolmap.SyntheticDatasetOptions(two_view_geometry_has_relative_pose=True)
-    db = pycolmap.Database.open("database.db")
-    reconstruction = pycolmap.synthesize_dataset(options, db)
-    cache = pycolmap.DatabaseCache.create(db, pycolmap.DatabaseCacheOptions())
-    pose_graph = pycolmap.PoseGraph()
-    pose_graph.load(cache.correspondence_graph)
-    db.close()
-    factors = gtsam.NonlinearFactorGraph()
-    noise = gtsam.noiseModel.Isotropic.Sigma(6, 0.1)
-    factors.add(gtsam.BetweenFactorPose3(0, 1, gtsam.Pose3(), noise))
-    digraph = networkx.DiGraph()
-    digraph.add_edge("a", "b", rotation=np.eye(3))
-    names = {
-        "rotavg": rotavg,
-        "factors": factors,
-        "options": pycolmap.RotationEstimatorOptions(),
-        "reconstruction": reconstruction,
-        "pose_graph": pose_graph,
-        "pose_priors": [],
-        "digraph": digraph,
-        "edges": [("a", "b")],
-        "rotations": Rotation.identity(1),
-    }
-    for block in blocks:
-        exec(block, dict(names))

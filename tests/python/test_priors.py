@@ -290,7 +290,7 @@ def test_command_line(
     held = rotavg.solve(simulation.graph, priors=Priors(fixed={3: truth[3], 5: truth[5]}))
     q = held.quaternions
     lines = [f"{k} {' '.join(map(repr, q[k].tolist()))}\n" for k in (3, 5)]
-    (tmp_path / "fixed.txt").write_text("".join(lines))
+    (tmp_path / "fixed.txt").write_text("# id qx qy qz qw\n" + "".join(lines))
     files = ["--fixed", tmp_path / "fixed.txt", "--gravity", tmp_path / "down.txt"]
     done = run("solve", tmp_path / "g.csv", *files, "-o", tmp_path / "s.npz")
     assert done.returncode == 0, done.stderr
@@ -302,7 +302,7 @@ def test_command_line(
     alone = run("solve", tmp_path / "g.csv", "--gravity-weight", "2")
     assert alone.returncode == 2
     assert "--gravity-weight is for --gravity" in alone.stderr
-    (tmp_path / "other.txt").write_text("a 0 0 0 1\n")
+    (tmp_path / "other.txt").write_text("# id qx qy qz qw\na 0 0 0 1\n")
     other = run("solve", tmp_path / "g.csv", "--fixed", tmp_path / "other.txt")
     assert other.returncode == 2
     assert "none of the nodes in the file is in the graph" in other.stderr

@@ -15,7 +15,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
 from browser import chromium, webdriver
-from report_graphs import large, named, posed
+from report_graphs import doubted, large, named, posed
 from rotavg import report
 
 Image = pytest.importorskip("PIL.Image")
@@ -31,6 +31,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chro
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("pages")
     solutions = {"named": named(), "posed": posed(folder), "large": large()}
+    solutions["doubted"] = doubted()
     for name, solution in solutions.items():
         report.write_report(folder / f"{name}.html", solution, title=name)
     return {name: folder / f"{name}.html" for name in solutions}
@@ -66,6 +67,8 @@ def picture(browser: webdriver.Chrome, selector: str) -> NDArray[np.uint8]:
         ("posed", 1280, "light"),
         ("large", 360, "dark"),
         ("large", 1280, "light"),
+        ("doubted", 360, "light"),
+        ("doubted", 1280, "dark"),
     ],
 )
 def test_it_is_drawn_and_fits(
@@ -79,7 +82,8 @@ def test_it_is_drawn_and_fits(
     )
     brightness = [sum(map(int, c[4:-1].split(","))) for c in (text, page)]
     assert (brightness[0] < 200 and brightness[1] > 600) == (scheme == "light")
-    for figure in ("space", "residuals", "convergence", "adjacency"):
+    figures = ["space", "residuals", "convergence", "adjacency"]
+    for figure in figures + ["weights"] * (name == "doubted"):
         selector = f"[data-figure={figure}]"
         shown = picture(browser, selector).reshape(-1, 3)
         paper = shown[0]

@@ -7,18 +7,23 @@ from typing import Any, Callable
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.output import print_json, print_table
 from rotavg.compare import SHARES_DEG
 from rotavg.conventions import Convention
-from rotavg.ids import rows_of
-from rotavg.io.rotations import KINDS, read_rotations
+from rotavg.ids import IdArray, rows_of
+from rotavg.io.absolute import AbsoluteRotations
+from rotavg.io.rotations import FORMATS_OF_ROTATIONS, read_absolute
 
 
 def _format(name: str, of: str) -> Callable[[Any], Any]:
-    return click.option(name, type=click.Choice(KINDS), help=f"Format of {of}, if not told by it.")
+    formats = [form.name for form in FORMATS_OF_ROTATIONS]
+    return click.option(
+        name, type=click.Choice(formats), help=f"Format of {of}, if it does not tell."
+    )
 
 
 def _convention(name: str, of: str) -> Callable[[Any], Any]:
@@ -33,6 +38,19 @@ def _convention(name: str, of: str) -> Callable[[Any], Any]:
 @_convention("--convention", "SOLUTION")
 @_format("--reference-format", "REFERENCE")
 @_convention("--reference-convention", "REFERENCE")
+@click.option(
+    "--graph",
+    "graph_path",
+    type=options.PATH,
+    metavar="FILE",
+    help="The graph that was solved: each of its components is aligned by itself. "
+    "(A solution in npz tells them.)",
+)
+@click.option(
+    "--image-ids",
+    is_flag=True,
+    help="Of COLMAP's images.txt take IMAGE_ID for ids of nodes, not NAME.",
+)
 @options.as_json
 def compare(
     solution_path: Path,
@@ -41,22 +59,32 @@ def compare(
     convention: Convention | None,
     reference_format: str | None,
     reference_convention: Convention | None,
+    graph_path: Path | None,
+    image_ids: bool,
     as_json: bool,
 ) -> None:
     """Tell how far the rotations in SOLUTION are from those in REFERENCE.
 
-    Both are text or CSV files of `id qx qy qz qw`, npz archives of solutions, g2o files with
-    vertices, or GLOMAP's rotations (*glomap_rotations.txt). They are compared at
-    the nodes that both have, after the common rotation that leaves the least sum of angles.
+    Both are solutions in any format that holds rotations: text, csv, npz (or ground truth in one),
+    vertices of g2o and TORO, TUM, COLMAP's images.txt, GLOMAP's and iRotAvg's rotations. They are
+    compared at the nodes that both have, after the common rotation that leaves the least sum of
+    angles. A node alone in its component could be turned to meet any reference and is left out.
 
     \b
-    Example:
+    Examples:
       rotavg compare solved.txt truth.txt
+      rotavg compare solved.txt reconstruction/images.txt --graph graph.txt
     """
-    nodes, rotations = read_rotations(solution_path, format=format, convention=convention)
-    known, reference = read_rotations(
+    solution = read_absolute(solution_path, format=format, convention=convention)
+    reference = read_absolute(
         reference_path, format=reference_format, convention=reference_convention
     )
+    nodes, known = solution.nodes, reference.nodes
+    if image_ids:
+        if solution.image_ids is None and reference.image_ids is None:
+            raise rotavg.FormatError("--image-ids: neither file is COLMAP's images.txt")
+        nodes = nodes if solution.image_ids is None else solution.image_ids
+        known = known if reference.image_ids is None else reference.image_ids
     rows = rows_of(nodes, known)
     common = rows >= 0
     if not common.any():
@@ -65,24 +93,40 @@ def compare(
             f"no node of {solution_path} is in it (say, {example}), expected common ids",
             path=reference_path,
         )
-    result = rotavg.compare(rotations[common], reference[rows[common]])
+    component = solution.component
+    if graph_path is not None:
+        component = _components(graph_path, nodes, solution_path)
+    result = rotavg.compare(
+        solution.rotations[common],
+        reference.rotations[rows[common]],
+        component=_common(component, reference, common, rows[common]),
+    )
     degrees = np.degrees([result.median, result.mean, result.rms, result.angles.max()])
     shares = [result.share_below(float(np.radians(d))) for d in SHARES_DEG]
+    only = int((~common).sum()), len(known) - int(common.sum())
     if as_json:
         print_json({
             "nodes": len(result.angles),
-            "only_in_solution": int((~common).sum()),
-            "only_in_reference": len(known) - int(common.sum()),
+            "components": result.num_components,
+            "left_out": result.left_out,
+            "only_in_solution": only[0],
+            "only_in_reference": only[1],
             **dict(zip(("median_deg", "mean_deg", "rms_deg", "max_deg"), degrees.tolist())),
             **{f"share_below_{d}_deg": share for d, share in zip(SHARES_DEG, shares)},
         })  # fmt: skip
         return
+    aligned = "1 component"
+    if result.num_components > 1:
+        aligned = f"{result.num_components} components, each by itself"
+    if result.left_out:
+        aligned += f"; left out {result.left_out} alone in a component"
     print_table([
         (
             "nodes",
-            f"{len(result.angles)} in both, {int((~common).sum())} in the solution only, "
-            f"{len(known) - int(common.sum())} in the reference only",
+            f"{len(result.angles)} compared, {only[0]} in the solution only, "
+            f"{only[1]} in the reference only",
         ),
+        ("aligned", aligned),
         (
             "error",
             "median {:.4g} deg, mean {:.4g}, RMS {:.4g}, largest {:.4g}".format(*degrees),
@@ -92,3 +136,29 @@ def compare(
             ", ".join(f"{d} deg: {100 * share:.4g} %" for d, share in zip(SHARES_DEG, shares)),
         ),
     ])  # fmt: skip
+
+
+def _components(path: Path, nodes: IdArray, solution_path: Path) -> NDArray[Any]:
+    """Labels (n,) of these nodes in the graph of this file."""
+    graph = rotavg.read(path)
+    rows = rows_of(nodes, graph.nodes)
+    if (rows < 0).any():
+        node = nodes[int(np.argmin(rows))].item()
+        found = f"node {node!r} of {solution_path} is not in it"
+        raise rotavg.FormatError(f"{found}, expected the graph that was solved", path=path)
+    return graph.components()[rows]
+
+
+def _common(
+    component: NDArray[Any] | None,
+    reference: AbsoluteRotations,
+    common: NDArray[np.bool_],
+    rows: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """Labels (k,) of the common nodes: two are together where both files have them so."""
+    labels = np.zeros((len(rows), 2), dtype=np.int64)
+    if component is not None:
+        labels[:, 0] = component[common]
+    if reference.component is not None:
+        labels[:, 1] = reference.component[rows]
+    return np.asarray(np.unique(labels, axis=0, return_inverse=True)[1].reshape(-1))

@@ -18,7 +18,7 @@ _OPTIONS = (
         "--fixed",
         "fixed_path",
         type=options.PATH,
-        help="Hold the rotations in this file, world_from_node: id qx qy qz qw.",
+        help="Hold the rotations in this file, any that `rotavg compare` reads.",
     ),
     click.option(
         "--gravity",

@@ -1,16 +1,18 @@
-"""COLMAP's images.txt, written only: the poses of a reconstruction; vision family, wxyz.
+"""COLMAP's images.txt: the poses of a reconstruction; vision family, wxyz.
 
     IMAGE_ID qw qx qy qz tx ty tz CAMERA_ID NAME
-    (an empty line: no points are observed)
+    X Y POINT3D_ID ...                            the image's points; written empty
 
 R and t are camera_from_world. Positions are solved for where the graph has translations, and are
 zero where it has none. Ids are those of the database that the graph was read from; otherwise images
-are numbered from 1 and share camera 1.
+are numbered from 1 and share camera 1. Of what is read the names are the nodes.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +20,37 @@ import numpy as np
 from rotavg.conventions import convert_family, quaternions_from_matrices, wxyz_from_xyzw
 from rotavg.errors import FormatError
 from rotavg.graph import MeasurementGraph
+from rotavg.io.absolute import AbsoluteRotations, RotationReader, distinct, read_fields
 from rotavg.io.colmap_database import ColmapImages
-from rotavg.io.lines import exactly
+from rotavg.io.lines import BYTE_ORDER_MARK, exactly, ids_of, is_number, shown
 from rotavg.io.registry import Format, Writable
 from rotavg.positions import positions
+
+_COLUMNS = ("IMAGE_ID", "qw", "qx", "qy", "qz", "tx", "ty", "tz", "CAMERA_ID", "NAME")
+_TITLE = re.compile(rb"^#\s*IMAGE_ID, QW", re.MULTILINE)
+
+
+def read_images(path: Path, data: bytes) -> AbsoluteRotations:
+    """Read camera_from_world of every image."""
+    rows = list(_poses(path, data))
+    found = read_fields(path, rows, _COLUMNS, node="NAME")
+    numbers = ids_of(path, [fields[0] for _, fields in rows])
+    return replace(found, image_ids=distinct(path, numbers, [line for line, _ in rows]))
+
+
+def _poses(path: Path, data: bytes) -> Iterator[tuple[int, list[bytes]]]:
+    """(line number, fields) of the first line of every image; the second has its points."""
+    lines = enumerate(data.removeprefix(BYTE_ORDER_MARK).splitlines(), start=1)
+    for line, text in lines:
+        if not text.strip() or text.lstrip().startswith(b"#"):
+            continue
+        yield line, text.strip().split(None, 9)  # a name may have blanks in it, and #
+        line, points = next(lines, (line, b""))
+        fields = points.split()
+        if len(fields) % 3 or (fields and not is_number(fields[-1])):
+            found = f"found {shown(points.strip())}"
+            expected = "expected the image's points, or an empty line for none"
+            raise FormatError(f"{found}, {expected}", path=path, line=line)
 
 
 def write_images(path: Path, item: Writable) -> bytes:
@@ -50,9 +79,15 @@ def write_images(path: Path, item: Writable) -> bytes:
 COLMAP_IMAGES = Format(
     name="colmap_images",
     suffixes=("images.txt",),
-    recognises=lambda head: re.search(rb"^#\s*IMAGE_ID, QW", head, re.MULTILINE) is not None,
+    recognises=lambda head: _TITLE.search(head) is not None,
     read=None,
     has_graphs=False,
     write=write_images,
     convention="vision",
+    rotations=RotationReader(
+        _COLUMNS,
+        read_images,
+        recognises=lambda head: _TITLE.search(head) is not None,
+        suffixes=("images.txt",),
+    ),
 )

@@ -13,9 +13,10 @@ from pathlib import Path
 
 from rotavg.errors import FormatError
 from rotavg.graph import MeasurementGraph
-from rotavg.io.lines import BYTE_ORDER_MARK, content_lines
+from rotavg.io.absolute import AbsoluteRotations, RotationReader, is_header, read_fields
+from rotavg.io.lines import BYTE_ORDER_MARK, content_lines, is_number
 from rotavg.io.registry import Format, ReadOptions, Writable
-from rotavg.io.text import is_edge, read_rows, read_text, write_rows
+from rotavg.io.text import SOLUTION_HEADER, is_edge, read_rows, read_text, write_rows
 
 _NEEDS_QUOTES = re.compile(r'[\s,#"]')
 
@@ -24,9 +25,12 @@ def read_csv(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     """Read edges from a CSV file."""
     if b'"' not in data:
         return read_text(path, data, options)
-    for _ in content_lines(path, data):  # refuses what is binary
-        break
     return read_rows(path, _rows(path, data), options)
+
+
+def read_csv_rotations(path: Path, data: bytes) -> AbsoluteRotations:
+    """Read a solution."""
+    return read_fields(path, _rows(path, data), SOLUTION_HEADER, node="id")
 
 
 def write_csv(path: Path, item: Writable) -> bytes:
@@ -36,6 +40,7 @@ def write_csv(path: Path, item: Writable) -> bytes:
 
 def _rows(path: Path, data: bytes) -> Iterator[tuple[int, list[bytes]]]:
     """(line number, fields) of every line that is neither blank nor a comment."""
+    next(content_lines(path, data), None)  # refuses what is binary
     try:
         text = data.removeprefix(BYTE_ORDER_MARK).decode()
     except UnicodeDecodeError as error:
@@ -60,15 +65,27 @@ def _quoted(path: Path, name: str) -> str:
     return '"' + name.replace('"', '""') + '"' if _NEEDS_QUOTES.search(name) else name
 
 
-def _looks_like_csv(head: bytes) -> bool:
-    if b"\0" in head:
-        return False
+def _first_row(head: bytes) -> list[bytes]:
+    """Fields of the first row; none where this is no CSV."""
     try:
         for _, fields in _rows(Path(), head[: head.rfind(b"\n") + 1] or head):
-            return len(fields) > 1 and is_edge(fields)
+            return fields
     except FormatError:
         pass
-    return False
+    return []
+
+
+def _looks_like_csv(head: bytes) -> bool:
+    fields = _first_row(head)
+    return len(fields) > 1 and is_edge(fields)
+
+
+def _looks_like_rotations(head: bytes) -> bool:
+    """Whether there are commas between five fields: no other format has both."""
+    fields = _first_row(head)
+    return is_header(fields, SOLUTION_HEADER) or (
+        len(fields) == len(SOLUTION_HEADER) and all(map(is_number, fields[1:]))
+    )
 
 
 CSV = Format(
@@ -78,4 +95,5 @@ CSV = Format(
     read=read_csv,
     write=write_csv,
     any_convention=True,
+    rotations=RotationReader((), read_csv_rotations, _looks_like_rotations, (".csv",)),
 )

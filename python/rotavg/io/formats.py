@@ -80,7 +80,7 @@ def read(
         data = registry.read_bytes(FORMATS, path)
     if chosen.read is None:
         raise FormatError(f"{chosen.name} is a format for output only", path=path)
-    return chosen.read(path, data, ReadOptions(unit_weights, _family(path, chosen, convention)))
+    return chosen.read(path, data, ReadOptions(unit_weights, chosen.family(path, convention)))
 
 
 def write(
@@ -145,17 +145,3 @@ def _tell_lost_weights(path: Path, form: Format, graph: MeasurementGraph) -> Non
     if np.ptp(graph.weights) > 0:
         message = f"{path}: the weights are not in it, {form.name} has no place for them"
         warnings.warn(message, IncompleteWarning, stacklevel=3)
-
-
-def _family(path: Path, form: Format, asked: Convention | None) -> Convention:
-    if asked is None or asked == form.convention:
-        return form.convention
-    if asked not in ("pose", "vision"):
-        raise FormatError(f"convention is {asked!r}, expected 'pose' or 'vision'")
-    if not form.any_convention:
-        raise FormatError(
-            f"{form.name} is in the {form.convention} family by definition, "
-            f"not in the {asked} family",
-            path=path,
-        )
-    return asked

@@ -21,6 +21,12 @@ from rotavg.errors import FormatError
 from rotavg.graph import MeasurementGraph, edge_error
 from rotavg.ids import as_edges, as_ids, unique_ids
 from rotavg.io import g2o_write
+from rotavg.io.absolute import (
+    AbsoluteRotations,
+    RotationReader,
+    check_quaternions,
+    distinct,
+)
 from rotavg.io.dialects import DIALECTS, G2O_3D, Dialect
 from rotavg.io.lines import BYTE_ORDER_MARK, check_finite, content_lines, number_table, shown
 from rotavg.io.registry import Format, ReadOptions, blame_line
@@ -56,6 +62,35 @@ def read_g2o(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     unknown += Counter({d.edge: len(e.lines) for d, e in edges.items() if d is not dialect})
     unknown += Counter({d.vertex: len(v.lines) for d, v in vertices.items() if d is not dialect})
     return _graph(path, data, options, dialect, edges[dialect], vertices[dialect], fixed, unknown)
+
+
+def read_vertices(path: Path, data: bytes) -> AbsoluteRotations:
+    """Read the rotations of the vertices."""
+    vertices: dict[Dialect, _Lines] = defaultdict(_Lines)
+    others: Counter[bytes] = Counter()
+    for line, text in content_lines(path, data):
+        fields = text.split(None, 2)
+        if fields[0] in _VERTICES:
+            vertices[_VERTICES[fields[0]]].add(path, line, fields, num_ids=1)
+        else:
+            others[fields[0]] += 1
+    if not vertices:
+        known = ", ".join(tag.decode() for tag in _VERTICES)
+        found = f"the file has no vertices, no line {known}; found {_listed(others)}"
+        raise FormatError(found, path=path)
+    ids: list[int] = []
+    lines: list[int] = []
+    rotations = []
+    for dialect, found_here in vertices.items():
+        table = number_table(path, found_here.rows, found_here.lines, dialect.num_pose)
+        check_finite(path, table, found_here.lines)
+        turns = table[:, dialect.dimension :]
+        if dialect is G2O_3D:
+            check_quaternions(path, turns, found_here.lines)
+        ids += found_here.ids
+        lines += found_here.lines
+        rotations.append(dialect.rotations(turns))
+    return AbsoluteRotations(distinct(path, ids, lines), np.concatenate(rotations))
 
 
 def _graph(
@@ -209,6 +244,9 @@ G2O = Format(
     recognises=lambda head: _G2O_TAG.search(head) is not None,
     read=read_g2o,
     write=g2o_write.write_g2o,
+    rotations=RotationReader(
+        (), read_vertices, lambda head: _G2O_TAG.search(head) is not None, (".g2o",)
+    ),
 )
 TORO = Format(
     name="toro",
@@ -216,4 +254,10 @@ TORO = Format(
     recognises=lambda head: _TORO_TAG.search(head) is not None,
     read=read_g2o,
     write=g2o_write.write_toro,
+    rotations=RotationReader(
+        (),
+        read_vertices,
+        lambda head: _TORO_TAG.search(head) is not None,
+        (".graph", ".toro"),
+    ),
 )

@@ -2,7 +2,7 @@
 
     *relpose.txt    NAME1 NAME2 qw qx qy qz tx ty tz     x2 = R x1 + t
     *weight.txt     NAME1 NAME2 weight                   beside it, if there are weights
-    NAME qw qx qy qz                                     what a solution is written as
+    NAME qw qx qy qz                                     a solution, camera_from_world
 
 The weights of X_relpose.txt are looked for in X_weight.txt; a pair that is not there weighs 1. The
 directions t have no scale and are not read; written are zeros.
@@ -20,6 +20,7 @@ from rotavg.conventions import convert_family, quaternions_from_matrices, wxyz_f
 from rotavg.errors import FileAccessError, FormatError
 from rotavg.graph import MeasurementGraph
 from rotavg.ids import IdArray
+from rotavg.io.absolute import AbsoluteRotations, RotationReader, read_fields
 from rotavg.io.lines import (
     check_finite,
     content_lines,
@@ -32,6 +33,7 @@ from rotavg.io.lines import (
 from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
 
 _EXPECTED = "expected NAME1 NAME2 qw qx qy qz tx ty tz"
+_ROTATION = ("NAME", "qw", "qx", "qy", "qz")
 
 
 def read_glomap(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
@@ -53,6 +55,12 @@ def read_glomap(path: Path, data: bytes, options: ReadOptions) -> MeasurementGra
             convention=options.convention,
             notes=notes,
         )
+
+
+def read_glomap_rotations(path: Path, data: bytes) -> AbsoluteRotations:
+    """Read a solution, camera_from_world."""
+    rows = ((line, text.split()) for line, text in content_lines(path, data))
+    return read_fields(path, rows, _ROTATION, node="NAME")
 
 
 def write_glomap(path: Path, item: Writable) -> bytes | dict[Path, bytes]:
@@ -135,4 +143,6 @@ GLOMAP = Format(
     read=read_glomap,
     write=write_glomap,
     convention="vision",
+    # Their content would fit a text solution without its header as well.
+    rotations=RotationReader(_ROTATION, read_glomap_rotations, suffixes=("*glomap_rotations.txt",)),
 )

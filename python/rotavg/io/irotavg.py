@@ -5,7 +5,8 @@
     qw qx qy qz            at least f lines: absolute rotations, of which the first f are fixed
 
 Their programs replace ids by their rank. Absolute rotations in a graph's file are not read; a
-solution is written as n lines qw qx qy qz, R_i = camera_from_world, in the order of the nodes.
+solution is n lines qw qx qy qz, R_i = camera_from_world, in the order of the nodes: read, it has
+the ids 0 to n - 1.
 There is no place for weights.
 """
 
@@ -22,8 +23,11 @@ from rotavg.conventions import (
 )
 from rotavg.errors import FormatError
 from rotavg.graph import MeasurementGraph
+from rotavg.io.absolute import AbsoluteRotations, RotationReader, read_fields
 from rotavg.io.lines import check_finite, content_lines, exactly, number_table, shown
 from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
+
+_ROTATION = ("qw", "qx", "qy", "qz")
 
 
 def read_irotavg(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
@@ -64,6 +68,12 @@ def read_irotavg(path: Path, data: bytes, options: ReadOptions) -> MeasurementGr
         )
 
 
+def read_irotavg_rotations(path: Path, data: bytes) -> AbsoluteRotations:
+    """Read a solution, camera_from_world; nodes are counted from 0."""
+    rows = ((line, text.split()) for line, text in content_lines(path, data))
+    return read_fields(path, rows, _ROTATION)
+
+
 def write_irotavg(path: Path, item: Writable) -> bytes:
     """The content of a file of a graph (edges with i > j turned round), or of a solution."""
     if not isinstance(item, MeasurementGraph):
@@ -100,4 +110,5 @@ IROTAVG = Format(
     write=write_irotavg,
     convention="vision",
     has_weights=False,
+    rotations=RotationReader(_ROTATION, read_irotavg_rotations, suffixes=(".irotavg", ".rcd")),
 )

@@ -4,7 +4,8 @@ A graph is `edges` (m, 2) and `rotations` (m, 3, 3), also known as `relative_rot
 `weights` (m,), `nodes` (n,), and of a pose graph `translations` (m, 3) with their
 `translation_information` (m, 3, 3), if need be. A solution says so in `kind` and holds `nodes`,
 `edges`, `rotations` (n, 3, 3), `quaternions` (n, 4) xyzw, its figures, and, if they were computed,
-`covariances` (n, 3, 3).
+`covariances` (n, 3, 3). A graph with known rotations has `ground_truth` (n, 3, 3), and if need be
+`has_ground_truth` (n,), which rows of it are known.
 """
 
 from __future__ import annotations
@@ -17,9 +18,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rotavg.errors import FormatError
+from rotavg.arrays import as_floats
+from rotavg.conventions import first_no_rotation
+from rotavg.errors import FormatError, GraphError
 from rotavg.graph import MeasurementGraph
+from rotavg.ids import IdArray, as_ids, unique_ids
+from rotavg.io.absolute import AbsoluteRotations, RotationReader, distinct
 from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
 from rotavg.translations import RelativeTranslations
 
@@ -28,17 +34,15 @@ _FIGURES = (
     "edge_weights", "certificate.verdict", "certificate.lambda_min", "certificate.gap",
     "certificate.relative_gap", "certificate.method",
 )  # fmt: skip
+# RuntimeError: there is a password, or a compression that Python does not know.
+_UNREADABLE = (
+    ValueError, OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error
+)  # fmt: skip
 
 
 def read_npz(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     """Read a graph from an npz archive."""
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise ValueError("it holds a single array")
-            arrays = {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
-        raise FormatError(f"found no readable npz archive: {error}", path=path) from error
+    arrays = _arrays(path, data)
     if str(arrays.pop("kind", "graph")) == "solution":
         expected = "expected a graph: arrays edges and rotations (m, 3, 3)"
         raise FormatError(f"the archive holds a solution, {expected}", path=path)
@@ -67,6 +71,70 @@ def read_npz(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
             translations=translations,
             notes=notes,
         )
+
+
+def read_npz_rotations(path: Path, data: bytes) -> AbsoluteRotations:
+    """Read a solution, or what a graph's archive holds as `ground_truth`."""
+    arrays = _arrays(path, data)
+    is_solution = str(arrays.get("kind", "graph")) == "solution"
+    if not is_solution and "ground_truth" in arrays:
+        return _ground_truth(path, arrays)
+    if not {"nodes", "rotations"} <= arrays.keys():
+        found = f"found the arrays {', '.join(arrays) or 'none'}"
+        expected = "expected nodes (n,) and rotations (n, 3, 3), or ground_truth (n, 3, 3)"
+        raise FormatError(f"{found}, {expected}", path=path)
+    if "edges" in arrays and not is_solution:
+        raise FormatError("found a graph, expected absolute rotations", path=path)
+    nodes = distinct(path, arrays["nodes"])
+    component = arrays.get("component")
+    if component is not None and component.shape != nodes.shape:
+        found = f"component has shape {component.shape}"
+        raise FormatError(f"{found}, expected a label for each node", path=path)
+    rotations = _of_nodes(path, nodes, "rotations", arrays["rotations"])
+    return AbsoluteRotations(nodes, rotations, component)
+
+
+def _ground_truth(path: Path, arrays: dict[str, Any]) -> AbsoluteRotations:
+    """The rows that are known, of the nodes as `read_npz` has them."""
+    nodes = arrays.get("nodes")
+    if nodes is None and "edges" in arrays:
+        with blame_line(path):
+            nodes = unique_ids(as_ids(arrays["edges"], "edges"))
+    if nodes is None:
+        nodes = np.arange(len(np.atleast_1d(arrays["ground_truth"])))
+    nodes = distinct(path, nodes)
+    known = arrays.get("has_ground_truth", np.ones(len(nodes), dtype=np.bool_))
+    if known.dtype != np.bool_ or known.shape != nodes.shape:
+        found = f"has_ground_truth is {known.dtype} of shape {known.shape}"
+        raise FormatError(f"{found}, expected a bool for each of {len(nodes)} nodes", path=path)
+    truth = arrays["ground_truth"]
+    if truth.shape[:1] == nodes.shape:  # what is not known may be NaN
+        truth, nodes = truth[known], nodes[known]
+    return AbsoluteRotations(nodes, _of_nodes(path, nodes, "ground_truth", truth))
+
+
+def _of_nodes(path: Path, nodes: IdArray, name: str, values: Any) -> NDArray[np.float64]:
+    """The array of this name as a rotation of each node."""
+    try:
+        rotations = as_floats(values, (len(nodes), 3, 3), name)
+    except GraphError as error:
+        raise FormatError(f"{error}, one for each node", path=path) from None
+    bad = first_no_rotation(rotations)
+    if bad is not None:
+        found = f"{name} of node {nodes[bad].item()!r} is no rotation"
+        raise FormatError(f"{found}, expected a matrix that is one to 1e-3", path=path)
+    return rotations
+
+
+def _arrays(path: Path, data: bytes) -> dict[str, Any]:
+    """All arrays by name; FormatError if this is no archive."""
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise ValueError("it holds a single array")
+            return {name: archive[name] for name in archive.files}
+    except _UNREADABLE as error:
+        raise FormatError(f"found no readable npz archive: {error}", path=path) from error
 
 
 def write_npz(path: Path, item: Writable) -> bytes:
@@ -120,4 +188,10 @@ NPZ = Format(
     read=read_npz,
     write=write_npz,
     any_convention=True,
+    rotations=RotationReader(
+        (),
+        read_npz_rotations,
+        recognises=lambda head: head.startswith(b"PK\x03\x04"),
+        suffixes=(".npz",),
+    ),
 )

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rotavg.conventions import Convention
 from rotavg.errors import FileAccessError, FormatError, GraphError
 from rotavg.graph import MeasurementGraph
+from rotavg.io.absolute import RotationReader
 
 
 @runtime_checkable
@@ -70,6 +71,7 @@ class Format:
         has_weights: whether a graph's weights can be written.
         magic: a beginning that tells that the reader opens the file itself.
         main_file: of a format that is a folder, the file in it that is read.
+        rotations: how it carries absolute rotations. None: it does not, or they are not read.
     """
 
     name: str
@@ -84,11 +86,28 @@ class Format:
     has_weights: bool = True
     magic: bytes = b""
     main_file: str = ""
+    rotations: RotationReader | None = None
 
     def is_name(self, path: Path) -> bool:
         """Whether files of this format are named so."""
-        patterns = (f"*{s}" if s.startswith(".") else s for s in self.suffixes)
-        return any(fnmatchcase(path.name.lower(), pattern) for pattern in patterns)
+        return is_named(path, self.suffixes)
+
+    def family(self, path: Path, asked: Convention | None) -> Convention:
+        """The family of a file's rotations, as asked for if the format leaves it open.
+
+        Raises FormatError if the format has another by definition.
+        """
+        if asked is None or asked == self.convention:
+            return self.convention
+        if asked not in ("pose", "vision"):
+            raise FormatError(f"convention is {asked!r}, expected 'pose' or 'vision'")
+        if not self.any_convention:
+            raise FormatError(
+                f"{self.name} is in the {self.convention} family by definition, "
+                f"not in the {asked} family",
+                path=path,
+            )
+        return asked
 
     def check_writes(self, path: Path, solution: bool) -> None:
         """FormatError if the format has no place for a solution (or, if not so, for a graph)."""
@@ -108,6 +127,12 @@ class Format:
 
 
 HEAD_SIZE = 1 << 16
+
+
+def is_named(path: Path, suffixes: Sequence[str]) -> bool:
+    """Whether the file's name has one of these endings or patterns (see `Format`)."""
+    patterns = (f"*{s}" if s.startswith(".") else s for s in suffixes)
+    return any(fnmatchcase(path.name.lower(), pattern) for pattern in patterns)
 
 
 def named(formats: Sequence[Format], name: str) -> Format:
@@ -147,7 +172,9 @@ def in_folder(formats: Sequence[Format], path: Path) -> Path:
     return path
 
 
-def read_bytes(formats: Sequence[Format], path: Path) -> bytes:
+def read_bytes(
+    formats: Sequence[Format], path: Path, expected: str = "a measurement graph"
+) -> bytes:
     """The whole file, or the beginning of one that its reader opens itself.
 
     Raises FileAccessError if it cannot be read, FormatError if it is empty.
@@ -158,7 +185,7 @@ def read_bytes(formats: Sequence[Format], path: Path) -> bytes:
         reason = error.strerror or str(error)
         raise FileAccessError(f"cannot be read: {reason}", path=path) from error
     if not data.strip():
-        raise FormatError("the file is empty, expected a measurement graph", path=path)
+        raise FormatError(f"the file is empty, expected {expected}", path=path)
     return data
 
 

@@ -20,7 +20,15 @@ import numpy as np
 from rotavg.conventions import quaternions_from_matrices
 from rotavg.errors import FormatError
 from rotavg.graph import MeasurementGraph
+from rotavg.io.absolute import (
+    QUATERNION,
+    AbsoluteRotations,
+    RotationReader,
+    is_header,
+    read_fields,
+)
 from rotavg.io.lines import (
+    BYTE_ORDER_MARK,
     check_finite,
     content_lines,
     exactly,
@@ -32,8 +40,8 @@ from rotavg.io.lines import (
 )
 from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
 
-HEADER = ["i", "j", "qx", "qy", "qz", "qw", "weight"]
-SOLUTION_HEADER = ["id", "qx", "qy", "qz", "qw"]
+HEADER = ("i", "j", *QUATERNION, "weight")
+SOLUTION_HEADER = ("id", *QUATERNION)
 EXPECTED = "i j qx qy qz qw [weight]"
 _CONVENTION = "pose family: R_i R_ij = R_j, R_i = world_from_i, R_ij = i_from_j; quaternions xyzw"
 
@@ -55,7 +63,7 @@ def read_rows(
     for line, fields in rows:
         if not columns:
             columns = _columns(path, line, fields)
-            if is_header(fields):
+            if is_edge_header(fields):
                 continue
         if len(fields) < 3:
             found = f"found {len(fields)} fields, expected {columns + 2}"
@@ -78,10 +86,9 @@ def read_rows(
         )
 
 
-def is_header(fields: list[bytes]) -> bool:
+def is_edge_header(fields: list[bytes]) -> bool:
     """Whether these are the words that name our columns."""
-    words = [field.decode(errors="replace").lower() for field in fields]
-    return len(words) >= 6 and words == HEADER[: len(words)]
+    return len(fields) in (6, 7) and is_header(fields, HEADER[: len(fields)])
 
 
 def _columns(path: Path, line: int, fields: list[bytes]) -> int:
@@ -92,7 +99,7 @@ def _columns(path: Path, line: int, fields: list[bytes]) -> int:
     if len(fields) not in (6, 7):
         found = f"found {len(fields)} fields, expected 6 or 7"
         raise FormatError(f"{found}: {EXPECTED}", path=path, line=line)
-    if not is_header(fields) and not any(map(is_number, fields[2:])):
+    if not is_edge_header(fields) and not any(map(is_number, fields[2:])):
         found = " ".join(map(shown, fields))
         raise FormatError(f"found the header {found}, expected {EXPECTED}", path=path, line=line)
     return len(fields) - 2
@@ -100,6 +107,7 @@ def _columns(path: Path, line: int, fields: list[bytes]) -> int:
 
 def write_rows(path: Path, item: Writable, separator: str, name: Callable[[str], str]) -> list[str]:
     """Title, header and one line per edge or, of a solution, per node; `name` spells a name."""
+    header: tuple[str, ...]
     if isinstance(item, MeasurementGraph):
         title, header = "measurement graph", HEADER
         quaternions = quaternions_from_matrices(item.rotations)
@@ -122,9 +130,15 @@ def write_text(path: Path, item: Writable) -> bytes:
     return "\n".join([title, f"# {header}", *rows, ""]).encode()
 
 
+def read_text_rotations(path: Path, data: bytes) -> AbsoluteRotations:
+    """Read a solution."""
+    rows = ((line, text.split()) for line, text in content_lines(path, data.replace(b",", b" ")))
+    return read_fields(path, rows, SOLUTION_HEADER, node="id")
+
+
 def is_edge(fields: list[bytes]) -> bool:
     """Whether these are the fields of an edge, or our header."""
-    return is_header(fields) or (len(fields) in (6, 7) and all(map(is_number, fields[2:])))
+    return is_edge_header(fields) or (len(fields) in (6, 7) and all(map(is_number, fields[2:])))
 
 
 def _looks_like_edges(head: bytes) -> bool:
@@ -136,6 +150,16 @@ def _looks_like_edges(head: bytes) -> bool:
     return False
 
 
+def _has_solution_header(head: bytes) -> bool:
+    """Whether our words for a solution's columns stand above the first line, or in it."""
+    for text in head.removeprefix(BYTE_ORDER_MARK).replace(b",", b" ").splitlines():
+        if is_header(text.lstrip(b"# \t").split(), SOLUTION_HEADER):
+            return True
+        if text.strip() and not text.lstrip().startswith(b"#"):
+            return False
+    return False
+
+
 TEXT = Format(
     name="text",
     suffixes=(".txt", ".text"),
@@ -143,4 +167,5 @@ TEXT = Format(
     read=read_text,
     write=write_text,
     any_convention=True,
+    rotations=RotationReader(SOLUTION_HEADER, read_text_rotations, recognises=_has_solution_header),
 )

@@ -1,22 +1,35 @@
-"""TUM trajectories, for evo and other evaluations: written only; pose family, quaternions xyzw.
+"""TUM trajectories, for evo and other evaluations: pose family, quaternions xyzw.
 
     timestamp x y z qx qy qz qw
 
 The time stamp is the node's id; a name will do if it is a number. Positions are solved for where
-the graph has translations (see `rotavg.positions`) and zero where it has none.
+the graph has translations (see `rotavg.positions`) and zero where it has none. Of a trajectory the
+rotations are read, with the time stamps as they are spelt for ids.
 """
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 
 from rotavg.errors import FormatError
 from rotavg.graph import MeasurementGraph
-from rotavg.io.lines import exactly, is_number
+from rotavg.io.absolute import AbsoluteRotations, RotationReader, read_fields
+from rotavg.io.lines import content_lines, exactly, is_number
 from rotavg.io.registry import Format, Writable
 from rotavg.positions import positions
+
+_COLUMNS = ("timestamp", "x", "y", "z", "qx", "qy", "qz", "qw")
+_TITLE = re.compile(rb"^#\s*timestamp(\s+\S+){3}\s+qx\s+qy\s+qz\s+qw\s*$", re.MULTILINE)
+_LENGTH_TOLERANCE = 1e-2  # of quaternions that somebody rounded
+
+
+def read_tum_rotations(path: Path, data: bytes) -> AbsoluteRotations:
+    """Read the rotations of a trajectory."""
+    rows = ((line, text.split()) for line, text in content_lines(path, data))
+    return read_fields(path, rows, _COLUMNS, node="timestamp")
 
 
 def write_tum(path: Path, item: Writable) -> bytes:
@@ -33,10 +46,24 @@ def write_tum(path: Path, item: Writable) -> bytes:
     if graph.translations is not None:
         where = positions(graph, solution.rotations)
     rows = np.hstack([where, solution.quaternions])
-    lines = ["# timestamp x y z qx qy qz qw"]
+    lines = [f"# {' '.join(_COLUMNS)}"]
     for k in sorted(range(len(stamps)), key=lambda k: float(stamps[k])):
         lines.append(" ".join([stamps[k], *exactly(rows[k])]))
     return "\n".join([*lines, ""]).encode()
+
+
+def _looks_like_tum(head: bytes) -> bool:
+    """Whether there is the usual title, or eight numbers a line that end in a unit quaternion."""
+    if b"\0" in head:
+        return False
+    if _TITLE.search(head):
+        return True
+    whole = head[: head.rfind(b"\n") + 1] or head
+    rows = [text.split() for _, text in content_lines(Path(), whole)]
+    if not rows or any(len(row) != len(_COLUMNS) or not all(map(is_number, row)) for row in rows):
+        return False
+    length = np.linalg.norm(np.array([row[4:] for row in rows], dtype=np.float64), axis=1)
+    return bool((np.abs(length - 1) < _LENGTH_TOLERANCE).all())
 
 
 TUM = Format(
@@ -46,4 +73,5 @@ TUM = Format(
     read=None,
     has_graphs=False,
     write=write_tum,
+    rotations=RotationReader(_COLUMNS, read_tum_rotations, _looks_like_tum, (".tum",)),
 )

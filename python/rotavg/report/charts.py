@@ -67,12 +67,14 @@ def convergence(solution: Solution) -> Any:
             line={"color": colour},
             hovertemplate="iteration %{customdata}, %{x:.4g} ms: %{y:.3g}<extra></extra>",
         )
-    power = {"type": "log", "tickmode": "auto", "nticks": 8}
+    objective, gradient = (
+        log_axis(np.maximum(values[kept], 1e-17)) for values in (excess, trace.relative_gradient)
+    )
     figure.update_layout(
         xaxis_title="time [ms]",
-        yaxis={**power, "title": _title("objective above the best, relative", SECOND)},
+        yaxis={**objective, "title": _title("objective above the best, relative", SECOND)},
         yaxis2={
-            **power, "title": _title("relative gradient [rad]", THIRD),
+            **gradient, "title": _title("relative gradient [rad]", THIRD),
             "overlaying": "y", "side": "right", "showgrid": False, "automargin": True,
         },
         showlegend=False,
@@ -114,6 +116,15 @@ def adjacency(solution: Solution) -> Any:
         },
     )
     return figure
+
+
+def log_axis(values: NDArray[np.float64]) -> dict[str, Any]:
+    """A logarithmic axis for these positive values, with ticks at powers of ten if they span two.
+
+    (Left alone, Plotly crowds it with the digits between.)
+    """
+    decades = float(np.log10(values.max() / values.min()))
+    return {"type": "log", "dtick": int(np.ceil(decades / 8))} if decades > 2 else {"type": "log"}
 
 
 def _title(text: str, colour: str) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import numpy as np
 from rotavg import _core
 from rotavg.errors import FileAccessError, FormatError, require
 from rotavg.io import atomic
-from rotavg.report import charts, tables
+from rotavg.report import charts, robust, tables
 from rotavg.report.space import space
 from rotavg.report.verdict import statement
 from rotavg.solution import Solution
@@ -92,6 +92,8 @@ def html(solution: Solution, run: Run | None = None, *, title: str = "") -> str:
         "convergence": charts.convergence(solution),
         "adjacency": charts.adjacency(solution),
     }
+    if solution.robust is not None:
+        figures["weights"] = robust.weights(solution)
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(_part), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
@@ -102,6 +104,7 @@ def html(solution: Solution, run: Run | None = None, *, title: str = "") -> str:
         statement=statement(solution),
         facts=_facts(solution),
         space_said=scene_said,
+        robust=robust.robust_section(solution),
         tables={
             "edges": tables.worst_edges(solution),
             "uncertainty": None if known is None else tables.uncertainty(solution, known),
@@ -142,14 +145,18 @@ def _figure(value: object) -> str:
 def _facts(solution: Solution) -> list[tuple[str, str]]:
     degrees = np.degrees(solution.residual_angles)
     median, high = np.percentile(degrees, [50, 95])
+    outliers = []
+    if solution.robust is not None:
+        outliers.append(("outliers", f"{int(solution.is_outlier.sum())}"))
     return [
         ("nodes", f"{solution.graph.num_nodes}"),
         ("edges", f"{solution.graph.num_edges}"),
+        *outliers,
         ("components", f"{solution.num_components}"),
         ("median residual", f"{median:.3g}°"),
         ("95 % below", f"{high:.3g}°"),
         ("largest", f"{degrees.max():.3g}°"),
-        ("objective", f"{solution.objective:.6g}"),
+        ("weighted objective" if outliers else "objective", f"{solution.objective:.6g}"),
         ("time", f"{solution.timings.total:.3g} s"),
     ]
 

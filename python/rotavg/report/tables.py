@@ -31,18 +31,22 @@ class Table:
 
 
 def worst_edges(solution: Solution, limit: int = 200) -> Table:
-    """The edges with the largest residuals."""
+    """The edges with the largest residuals; of rare verdicts the worst as well."""
     graph = solution.graph
     degrees = np.degrees(solution.residual_angles)
-    worst = np.argsort(-degrees, kind="stable")[:limit]
+    by_residual = np.argsort(-degrees, kind="stable")
+    worst, further = by_residual[:limit], []
+    if solution.robust is not None:
+        verdicts = solution.edge_verdicts[by_residual[limit:]]
+        for verdict in ("cycle_check", "weak_part", "bridge"):
+            found = by_residual[limit:][verdicts == verdict][: limit // 2]
+            worst = np.concatenate([worst, found])
+            further += [f"{len(found)} of {verdict}"] * (len(found) > 0)
     columns = ["from", "to", "residual [deg]", "weight"]
     figures = [degrees, graph.weights]
-    if is_reweighted(solution):
-        columns.append("final weight")
-        figures.append(solution.edge_weights)
-        if hasattr(solution, "edge_verdicts"):
-            columns.append("verdict")
-            figures.append(solution.edge_verdicts)
+    if solution.robust is not None or is_reweighted(solution):
+        columns += ["final weight", "verdict"]
+        figures += [solution.edge_weights, solution.edge_verdicts]
     if solution.num_components > 1:
         columns.append("component")
         figures.append(solution.component[graph.indices[:, 0]] + 1)
@@ -52,6 +56,8 @@ def worst_edges(solution: Solution, limit: int = 200) -> Table:
     ]
     m = graph.num_edges
     shown = f"All {m} edges" if m <= limit else f"The {limit} worst of {m} edges"
+    if further:
+        shown += f", and further {', '.join(further)}"
     caption = f"{shown}; the row counts the edges of the input from 0."
     return Table(caption, [*columns, "row"], rows)
 

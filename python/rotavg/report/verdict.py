@@ -38,11 +38,12 @@ def statement(solution: Solution) -> Statement:
     certificate = solution.certificate
     if certificate is None:
         return _without_certificate(solution)
+    held = ", for the final weights of the edges" if is_reweighted(solution) else ""
     if certificate.verdict == Verdict.PROVED:
         how = _PROOFS.get(certificate.method, certificate.method)
         return Statement(
             "proved",
-            "Proved: no other rotations fit these measurements better.",
+            f"Proved{held}: no other rotations fit these measurements better.",
             (
                 f"{_gap(certificate)}, by {how}, with rounding accounted for.",
                 *_reservations(solution),
@@ -51,8 +52,8 @@ def statement(solution: Solution) -> Statement:
     if certificate.verdict == Verdict.ESTIMATED:
         return Statement(
             "estimated",
-            "Very probably optimal: an eigenvalue estimate found no better answer. This is not a "
-            "proof.",
+            f"Very probably optimal{held}: an eigenvalue estimate found no better answer. "
+            "This is not a proof.",
             (f"{_gap(certificate)}, if the estimate is right.", *_reservations(solution)),
         )
     return _not_certified(solution, certificate)

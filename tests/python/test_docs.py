@@ -1,0 +1,55 @@
+"""The pages of docs/: their programs run as printed, and the index names every page."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGES = sorted(page.name for page in DOCS.glob("*.md"))
+NEEDS = {
+    "partners.md": ("gtsam", "pycolmap", "networkx", "scipy"),
+    "plots.md": ("matplotlib", "scipy"),
+    "report.md": ("plotly", "jinja2"),
+}
+MAKES = {"plots.md": "plots.png", "report.md": "report.html"}
+# Photographs are not made up quickly: test_examples.py runs much the same program.
+ELSEWHERE = {"photographs.md"}
+
+
+def programs(page: str) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", (DOCS / page).read_text("utf-8"), re.DOTALL)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if programs(page)])
+def test_the_programs_run_as_printed(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if page in ELSEWHERE:
+        pytest.skip("its program needs photographs")
+    for module in NEEDS.get(page, ()):
+        pytest.importorskip(module, reason=f"{module} is not installed")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    names: dict[str, object] = {}  # of one page: later programs go on from earlier ones
+    for program in programs(page):
+        exec(compile(program, page, "exec"), names)
+    if page in MAKES:
+        assert (tmp_path / MAKES[page]).stat().st_size > 10_000
+
+
+def test_partners_need_no_other_program() -> None:
+    """Each of its programs is for somebody else, so that each has its own imports."""
+    for program in programs("partners.md"):
+        assert "import rotavg" in program
+
+
+def test_the_index_names_every_page_and_links_lead_somewhere() -> None:
+    index = (DOCS / "README.md").read_text("utf-8")
+    assert set(re.findall(r"\]\((\w+\.md)\)", index)) == set(PAGES) - {"README.md"}
+    for page in PAGES:
+        text = (DOCS / page).read_text("utf-8")
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
+            assert (DOCS / target).exists(), f"{page}: {target}"
