@@ -157,7 +157,11 @@ def solve(
         raise OptionError("anisotropic is not possible with priors")
     if anisotropic and graph.covariances is None:
         raise OptionError("anisotropic needs a graph with covariances, and this one has none")
-    core = run(graph) if grounded is None else solve_grounded(grounded, run, settings)
+    if grounded is None:
+        core = run(graph)
+    else:
+        warm = origin == "solution" and loss == "l2" and cycle_threshold is None
+        core = solve_grounded(grounded, run, settings, warm=warm)
     solution = Solution(
         graph=graph,
         rotations=read_only(core["rotations"]),

@@ -132,9 +132,11 @@ TEST_CASE("what was found for another graph is matched by the ids of the nodes")
   REQUIRE(components.size() == 2);
   const MeasurementGraph graph(measured({{0, 1}, {1, 2}, {3, 6}, {6, 7}, {5, 8}, {11, 5}, {9, 0}}),
                                {100, 99, 98, 97, 95, 94, 93, 92, 91, 89});
-  REQUIRE(connected_components(graph).size() == 1);
+  REQUIRE(connected_components(graph).size() == 3);
   const Rotations R = warm_start(graph, other, shortest_path_init(other), components);
   CHECK(objective(graph, R) < 1e-20);
+  // Nodes 0 and 3 are joined in the other graph alone.
+  CHECK((R[0].transpose() * R[3] - truth[0].transpose() * truth[3]).norm() < 1e-14);
 
   const MeasurementGraph stranger(std::vector<RelativeRotation>{{1, 2, Matrix3::Identity()}});
   CHECK_THROWS_WITH_AS(warm_start(stranger, other, shortest_path_init(other), components),

@@ -177,16 +177,33 @@ def test_robust_losses_start_from_it() -> None:
 
 def test_priors_hold_from_a_warm_start() -> None:
     simulation = rotavg.simulate("grid", 125, noise=0.05, seed=8)
-    graph = simulation.graph
-    priors = rotavg.Priors(
-        fixed={3: np.eye(3)}, gravity={k: ([0.1, 1, 0], 5.0) for k in range(0, 125, 7)}
-    )
-    last = rotavg.solve(graph, priors=priors)
-    assert_quicker(changed(graph, last.rotations, 5), last, priors=priors)
-    for before, after in ((last, None), (rotavg.solve(graph), priors)):  # with one, or the other
-        cold, warm = (rotavg.solve(graph, priors=after, init=x) for x in ("auto", before))
-        assert warm.objective == pytest.approx(cold.objective, rel=1e-9)
-    np.testing.assert_allclose(rotavg.solve(graph, priors=priors, init=last)[3], np.eye(3))
+    graph, R = simulation.graph, simulation.ground_truth
+    down = {k: (R[k].T @ [0, 1, 0], 5.0) for k in range(0, 125, 7)}
+    for priors in (
+        rotavg.Priors(fixed={3: R[3]}, gravity=down),
+        rotavg.Priors(absolute={k: (R[k], 2.0) for k in (5, 50, 100)}),
+        rotavg.Priors(gravity=down),
+    ):
+        last = rotavg.solve(graph, priors=priors)
+        assert rotavg.solve(graph, priors=priors, init=last).iterations <= 2
+        assert_quicker(changed(graph, last.rotations, 5), last, priors=priors)
+        for before, after in ((last, None), (rotavg.solve(graph), priors)):  # with or without
+            cold = rotavg.solve(graph, priors=after)
+            warm = rotavg.solve(graph, priors=after, init=before)
+            assert warm.objective == pytest.approx(cold.objective, rel=1e-9)
+            if after is not None and 3 in after.fixed:
+                np.testing.assert_allclose(warm[3], R[3], atol=1e-12)
+
+
+def test_a_robust_loss_with_priors_starts_from_it() -> None:
+    simulation = rotavg.simulate("erdos_renyi", 100, density=0.2, noise=0.05, outliers=0.2, seed=11)
+    priors = rotavg.Priors(fixed={3: simulation.ground_truth[3]})
+    options: dict[str, Any] = {"loss": "cauchy", "loss_scale": 0.05, "priors": priors}
+    last = rotavg.solve(simulation.graph, **options)
+    warm = rotavg.solve(simulation.graph, init=last, **options)
+    assert warm.iterations < last.iterations
+    assert warm.objective == pytest.approx(last.objective, rel=1e-3)
+    np.testing.assert_allclose(warm[3], last[3], atol=1e-12)
 
 
 def test_the_anisotropic_refinement_starts_from_it() -> None:

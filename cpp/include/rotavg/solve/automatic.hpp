@@ -125,8 +125,9 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   const double flops = metric.flops(max_flops);
   if (flops <= max_flops) {
     method = Method::newton;
-    line("newton after ", result.iterations, " sweeps of ", name, ": average degree ", degree,
-         ", the Laplacian factors in ", flops, " operations");
+    const std::string sweeps = std::to_string(result.iterations) + " sweeps of " + name;
+    line("newton ", result.iterations > 0 ? "after " + sweeps : "from a start that is near",
+         ": average degree ", degree, ", the Laplacian factors in ", flops, " operations");
     append(result, newton(graph, start, metric, rest));
   } else {
     method = Method::bcd;
