@@ -16,13 +16,11 @@ from rotavg.ids import rows_of
 from rotavg.io import read_rotations
 from rotavg.warm_start import warm_start
 
+_NAMES = ("auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random")
+
 
 class NameOrFile(click.Choice):  # type: ignore[type-arg]
     """One of a few words, which come first, or the path of a file."""
-
-    def get_metavar(self, param: click.Parameter, *context: Any) -> str:
-        """The words and FILE."""
-        return f"[{'|'.join(self.choices)}|FILE]"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -46,7 +44,8 @@ class NameOrFile(click.Choice):  # type: ignore[type-arg]
 
 init_option = click.option(
     "--init",
-    type=NameOrFile(["auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random"]),
+    type=NameOrFile(_NAMES),
+    metavar=f"[{'|'.join(_NAMES)}|FILE]",
     default="auto",
     show_default=True,
     help="Initial value; or a file of rotations to start from, such as an earlier solution: nodes "

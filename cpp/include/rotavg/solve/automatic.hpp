@@ -95,7 +95,7 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     for (Index l = 0; l < graph.num_nodes(); ++l) squares += graph.degree(l) * graph.degree(l);
     return start.gradient_norm <= near * std::sqrt(squares);
   };
-  const bool may_skip = sparse && given && options.max_iterations > 0;
+  const bool may_skip = sparse && given && options.max_iterations > 0 && options.time_limit > 0.0;
 
   // Sweeps, until they have converged or prove slow.
   method = dense ? Method::sum : Method::bcd;
