@@ -162,6 +162,8 @@ def update(tmp_path: Path) -> Path:
     (tmp_path / "chordal").write_bytes((tmp_path / "older.csv").read_bytes())
     (tmp_path / "other.txt").write_text("1000 0 0 0 1\n1001 0 0 0 1\n")
     (tmp_path / "bad.txt").write_text("1 0 0 0 1\n2 0 0 0\n")
+    np.savez(tmp_path / "none.npz", nodes=np.arange(0), rotations=np.empty((0, 3, 3)))
+    np.savez(tmp_path / "wrong.npz", nodes=np.arange(9), rotations=np.ones((9, 3, 3)))
     return tmp_path
 
 
@@ -194,6 +196,9 @@ def test_a_word_goes_before_a_file_of_the_same_name(update: Path) -> None:
         ("other.txt", "other.txt: none of its 2 nodes is in the graph, expected ids as in the"),
         ("bad.txt", "bad.txt:2: found 4 fields"),
         ("graph.csv", "graph.csv:"),
+        ("none.npz", "none.npz: "),
+        ("wrong.npz", "wrong.npz: the matrix of node 0 is not a rotation"),
+        ("", "'' is not one of auto"),
         (".", "cannot be read: Is a directory"),
     ],
 )

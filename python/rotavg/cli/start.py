@@ -29,7 +29,7 @@ class NameOrFile(click.Choice):  # type: ignore[type-arg]
         if isinstance(value, Path) or value in self.choices:
             return value  # type: ignore[no-any-return]
         path = Path(value)
-        if not path.exists():
+        if not value or not path.exists():
             words = ", ".join(self.choices)
             self.fail(f"{value!r} is not one of {words}, nor a file that is there", param, ctx)
         return path
