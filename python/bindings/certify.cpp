@@ -1,6 +1,10 @@
+#include <utility>
+#include <vector>
+
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/init/random.hpp>
 #include <rotavg/init/shortest_path.hpp>
+#include <rotavg/init/warm_start.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/objective.hpp>
@@ -64,6 +68,14 @@ std::vector<double> residual_angles(const MeasurementGraph& graph, const rotavg:
   return angles;
 }
 
+py::array_t<double> join_pieces(const MeasurementGraph& graph, const DoubleArray& rotations,
+                                const IndexArray& piece) {
+  rotavg::Rotations R = to_rotations(rotations, "rotations");
+  std::vector<rotavg::Index> label(piece.data(), piece.data() + piece.size());
+  return from_rotations(
+      without_gil([&] { return rotavg::join_pieces(graph, std::move(R), std::move(label)); }));
+}
+
 template <rotavg::Matrix3 (*kernel)(const rotavg::Matrix3&)>
 py::array_t<double> on_stack(const DoubleArray& matrices) {
   rotavg::Rotations A = to_rotations(matrices, "matrices");
@@ -109,6 +121,7 @@ void bind_certify(py::module_& m) {
         return from_rotations(rotavg::random_init(graph, seed));
       },
       py::arg("graph"), py::arg("seed"));
+  m.def("join_pieces", &join_pieces, py::arg("graph"), py::arg("rotations"), py::arg("piece"));
   m.def("loso", &on_stack<rotavg::loso>, py::arg("matrices"));
   m.def("loso_fast", &on_stack<rotavg::loso_fast>, py::arg("matrices"));
   m.def("nearest_rotation", &on_stack<rotavg::nearest_rotation>, py::arg("matrices"));

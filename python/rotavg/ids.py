@@ -42,6 +42,8 @@ def as_ids(values: ArrayLike, what: str) -> IdArray:
 
 def rows_of(ids: IdArray, nodes: IdArray) -> NDArray[np.int64]:
     """Row in `nodes` of every id, -1 where there is none; same shape as `ids`."""
+    if len(nodes) == 0:
+        return np.full(ids.shape, -1, dtype=np.int64)
     if nodes.dtype.kind == "U" or ids.dtype.kind == "U":
         row = {node: k for k, node in enumerate(nodes.tolist())}
         found = [row.get(node, -1) for node in ids.ravel().tolist()]

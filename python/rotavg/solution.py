@@ -96,7 +96,8 @@ class Solution:
             of "newton".
         method: the method that was used, in the end.
         reason: what "auto" chose and why, in one line; empty for other methods.
-        init: where it started: the name of an initial value, or "given".
+        init: where it started: the name of an initial value, "given" (an array), or "solution"
+            (a warm start).
         trace: the course of the iteration.
         timings: wall-clock seconds.
         certificate: how good the answer is known to be; None if it was not asked for.

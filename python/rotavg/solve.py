@@ -21,6 +21,7 @@ from rotavg.priors import Priors
 from rotavg.robust import Loss, RobustFit
 from rotavg.solution import Solution, Status, Timings, Trace
 from rotavg.solve_grounded import solve_grounded
+from rotavg.warm_start import warm_start
 
 Method = Literal["auto", "bcd", "sum", "newton", "staircase", "bcdsr"]
 Init = Literal["auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random"]
@@ -38,7 +39,7 @@ def solve(
     graph: MeasurementGraph,
     *,
     method: Method = "auto",
-    init: Init | ArrayLike = "auto",
+    init: Init | ArrayLike | Solution = "auto",
     certify: bool = True,
     tolerance: float = 1e-9,
     stop: Stop = "gradient",
@@ -76,8 +77,11 @@ def solve(
             for outliers), "chordal" (the linear relaxation of Martinec and Pajdla 2007),
             "quaternion" (that of Govindu 2001: nearer the optimum where the noise is small, worse
             where there are outliers), "random", rotations (n, 3, 3) world_from_node to start from,
-            or "auto": the shortest paths and, if "auto" chooses the method as well and the answer
-            is refuted, a second run from the chordal value.
+            the Solution of another graph, one that had fewer or more nodes and edges (a warm start:
+            nodes are found again by their ids, its components kept as they are, and these and the
+            new nodes placed by the edges between them), or "auto": the shortest paths and, if
+            "auto" chooses the method as well and the answer is refuted, a second run from the
+            chordal value. With a robust `loss`, what is given replaces its first least squares.
         certify: whether to bound the distance from the global optimum.
         tolerance: when to stop, see `stop`.
         stop: "gradient" stops when the relative gradient (radians) is below the tolerance;
@@ -114,13 +118,17 @@ def solve(
 
     Raises:
         OptionError: an option that does not exist or is out of range.
-        GraphError: initial rotations that are not rotations, or priors that do not fit the graph.
+        GraphError: initial rotations that are not rotations, a Solution that has no node of the
+            graph, or priors that do not fit the graph.
         SolverError: the dense matrix of "bcdsr" does not fit in memory.
         KeyboardInterrupt: on Ctrl-C, within a fraction of a second.
     """
-    start = None
-    if not isinstance(init, str):
-        start = _node_rotations(graph, init, "init")
+    start, origin = None, None
+    if isinstance(init, Solution):
+        start = warm_start(graph, init.graph.nodes, init.rotations, init.component)
+        origin = "solution"
+    elif not isinstance(init, str):
+        start, origin = _node_rotations(graph, init, "init"), "given"
     settings: dict[str, Any] = {
         "method": method,
         "init": init if isinstance(init, str) else "auto",
@@ -150,7 +158,11 @@ def solve(
         raise OptionError("anisotropic is not possible with priors")
     if anisotropic and graph.covariances is None:
         raise OptionError("anisotropic needs a graph with covariances, and this one has none")
-    core = run(graph) if grounded is None else solve_grounded(grounded, run, settings)
+    if grounded is None:
+        core = run(graph)
+    else:
+        warm = origin == "solution" and loss == "l2" and cycle_threshold is None
+        core = solve_grounded(grounded, run, settings, warm=warm)
     solution = Solution(
         graph=graph,
         rotations=read_only(core["rotations"]),
@@ -161,7 +173,7 @@ def solve(
         iterations=core["iterations"],
         method=core["method"],
         reason=core["reason"],
-        init=core["init"] if start is None else "given",
+        init=origin or core["init"],
         trace=Trace(**{name: read_only(values) for name, values in core["trace"].items()}),
         timings=Timings(**core["seconds"]),
         certificate=_certificate(core["certificate"]),

@@ -14,16 +14,23 @@ from rotavg.grounded import Grounded
 Run = Callable[..., "dict[str, Any]"]
 
 
-def solve_grounded(grounded: Grounded, run: Run, settings: dict[str, Any]) -> dict[str, Any]:
+def solve_grounded(
+    grounded: Grounded, run: Run, settings: dict[str, Any], *, warm: bool = False
+) -> dict[str, Any]:
     """What the core returns for the given graph, with the figures of the problem with priors.
 
     Args:
         grounded: the problem.
         run: calls the core's solve() for a graph, with these settings changed.
         settings: of the core's solve().
+        warm: whether settings["start"] is a solution, so that none without priors is needed first.
     """
     began = time.perf_counter()
-    first = run(grounded.given, certify=False, tolerance=max(settings["tolerance"], 1e-6))
+    first: dict[str, Any] = {"iterations": 0, "status": "", "init": "", "seconds": {}}
+    if warm:
+        first["rotations"] = settings["start"]
+    else:
+        first = run(grounded.given, certify=False, tolerance=max(settings["tolerance"], 1e-6))
     robust = first.get("robust")
     weights = grounded.given.weights if robust is None else robust["edge_weights"]
     problem = grounded.with_weights(weights)
@@ -51,8 +58,9 @@ def solve_grounded(grounded: Grounded, run: Run, settings: dict[str, Any]) -> di
     core["iterations"] += first["iterations"]
     for part, seconds in first["seconds"].items():
         core["seconds"][part] += seconds
-    without = f"without priors {first['method']}"
-    core["reason"] = f"{without}, then {core['reason'] or core['method']}"
+    if not warm:
+        without = f"without priors {first['method']}"
+        core["reason"] = f"{without}, then {core['reason'] or core['method']}"
     if robust is not None:
         core["robust"] = robust
     return core

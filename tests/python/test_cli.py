@@ -152,6 +152,64 @@ def test_the_command_offers_every_choice_of_the_library() -> None:
     assert offered == expected
 
 
+@pytest.fixture
+def update(tmp_path: Path) -> Path:
+    """A folder with a graph, rotations of most of its nodes, and some of other nodes."""
+    graph = rotavg.simulate("sphere", 100, noise=0.1, seed=1).graph
+    rotavg.write(tmp_path / "graph.csv", graph)
+    rotavg.write(tmp_path / "older.csv", rotavg.solve(graph.subgraph(range(90))))
+    rotavg.write(tmp_path / "older.npz", rotavg.solve(graph))
+    (tmp_path / "chordal").write_bytes((tmp_path / "older.csv").read_bytes())
+    (tmp_path / "other.txt").write_text("1000 0 0 0 1\n1001 0 0 0 1\n")
+    (tmp_path / "bad.txt").write_text("1 0 0 0 1\n2 0 0 0\n")
+    np.savez(tmp_path / "none.npz", nodes=np.arange(0), rotations=np.empty((0, 3, 3)))
+    np.savez(tmp_path / "wrong.npz", nodes=np.arange(9), rotations=np.ones((9, 3, 3)))
+    return tmp_path
+
+
+def test_solve_starts_from_a_file_of_rotations(update: Path) -> None:
+    cold = json.loads(run("solve", update / "graph.csv", "--json").stdout)
+    done = run("solve", update / "graph.csv", "--init", update / "older.csv", "--json")
+    assert done.returncode == 0
+    warm = json.loads(done.stdout)
+    assert warm["init"] == "given"
+    assert warm["iterations"] < cold["iterations"]
+    assert warm["objective"] == pytest.approx(cold["objective"], rel=1e-9)
+    assert warm["certificate"]["verdict"] == "proved"
+    assert done.stderr.endswith("older.csv: 10 of 100 nodes of the graph are not in it\n")
+    again = run("solve", update / "graph.csv", "--init", update / "older.npz", "--json")
+    assert json.loads(again.stdout)["iterations"] == 0
+    assert again.stderr == ""
+
+
+def test_a_word_goes_before_a_file_of_the_same_name(update: Path) -> None:
+    for init, used in (("chordal", "chordal"), ("./chordal", "given")):
+        done = run("solve", "graph.csv", "--init", init, "--json", cwd=update)
+        assert json.loads(done.stdout)["init"] == used
+
+
+@pytest.mark.parametrize(
+    ("init", "message"),
+    [
+        ("missing.csv", "'missing.csv' is not one of auto, shortest_path"),
+        ("chordall", "nor a file that is there"),
+        ("other.txt", "other.txt: none of its 2 nodes is in the graph, expected ids as in the"),
+        ("bad.txt", "bad.txt:2: found 4 fields"),
+        ("graph.csv", "graph.csv:"),
+        ("none.npz", "none.npz: "),
+        ("wrong.npz", "wrong.npz: the matrix of node 0 is not a rotation"),
+        ("", "'' is not one of auto"),
+        (".", "cannot be read: Is a directory"),
+    ],
+)
+def test_a_bad_start_is_exit_status_2(init: str, message: str, update: Path) -> None:
+    done = run("solve", "graph.csv", "--init", init, "-o", "out.csv", cwd=update)
+    assert done.returncode == 2
+    assert message in " ".join(done.stderr.split())
+    assert "Traceback" not in done.stderr
+    assert not (update / "out.csv").exists()
+
+
 def test_info_tells_how_hard_a_graph_is(graph_file: Path) -> None:
     done = run("info", graph_file)
     assert done.returncode == 0

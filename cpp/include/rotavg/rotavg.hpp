@@ -17,6 +17,7 @@
 #include <rotavg/init/random.hpp>
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/init/spanning_tree.hpp>
+#include <rotavg/init/warm_start.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/connection.hpp>
 #include <rotavg/problem/gauge.hpp>

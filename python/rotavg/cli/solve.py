@@ -18,6 +18,7 @@ from rotavg.cli.command import Command
 from rotavg.cli.options import choice, number
 from rotavg.cli.output import print_json, print_notes, print_solution, progress, working
 from rotavg.cli.priors import check_prior_options, prior_options, read_priors
+from rotavg.cli.start import init_option, read_start
 from rotavg.io import atomic, check_writable
 from rotavg.report import Run, check_report, write_report
 
@@ -51,12 +52,7 @@ from rotavg.report import Run, check_report, write_report
     "--report", type=options.PATH, help="Write an interactive report to look at, an .html file."
 )
 @choice("--method", ["auto", "bcd", "sum", "newton", "staircase", "bcdsr"], "auto", "Solver.")
-@choice(
-    "--init",
-    ["auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random"],
-    "auto",
-    "Initial value.",
-)
+@init_option
 @number("--seed", click.IntRange(0), 0, "Seed of --init random.")
 @number("--tolerance", click.FloatRange(0), 1e-9, "Stop when the gradient (or step) is below this.")
 @choice("--stop", ["gradient", "step"], "gradient", "What to stop on; 'step' is the paper's rule.")
@@ -180,6 +176,8 @@ def solve(
     if not as_json:
         print_notes(graph)
     settings["priors"] = read_priors(graph, fixed_path, gravity_path, gravity_weight)
+    if isinstance(settings["init"], Path):
+        settings["init"] = read_start(graph, settings["init"])
     with progress(settings["tolerance"], settings["stop"], not no_certify) as callback:
         solution = rotavg.solve(
             graph, num_threads=threads, certify=not no_certify, callback=callback, **settings

@@ -57,7 +57,8 @@ inline IterationOptions remaining(const IterationOptions& options, const Iterati
 ///   minima more often, and converge later. (On grids and trajectories with noise of 0.1 to 0.3
 ///   rad, three did as well as twenty.)
 /// - On sparse graphs the Laplacian factors at little cost, and Newton's method goes on after
-/// three.
+///   three. From a given start that is near the optimum, as the last solution is when some edges
+///   have come or gone, it needs none: they would only delay it.
 /// - On others the sweeps are watched; if at their rate many more would be needed, Newton's method
 ///   takes over; where the Laplacian is too large to factor, accelerated sweeps. On dense graphs,
 ///   where all nodes at once converge as quickly as one after the other, the sweeps are those of
@@ -65,17 +66,20 @@ inline IterationOptions remaining(const IterationOptions& options, const Iterati
 ///   all threads.
 ///
 /// @param eliminations of all components, without their roots
+/// @param given whether R is the caller's: only then are the sweeps left out where the gradient is
+///        small. (It is small on average at any tree's start, which meets most edges exactly.)
 /// @param method receives what was used in the end
 /// @param reason receives one line on what was chosen and why
 inline IterationResult solve_automatically(const MeasurementGraph& graph,
                                            std::vector<Elimination>& eliminations,
                                            const Rotations& R, const IterationOptions& options,
-                                           Method& method, std::string& reason) {
+                                           bool given, Method& method, std::string& reason) {
   constexpr double sparse_degree = 20.0;                    // edges at a node, on average
   constexpr double dense_degree = 64.0, dense_share = 0.1;  // of all pairs of nodes
   constexpr double max_flops = 1e10;
   constexpr int first_sweeps = 3, watched_sweeps = 6;
   constexpr double patience = 40.0;  // sweeps
+  constexpr double near = 0.1;       // radians, the root of the mean of squares
   const double n = std::max<Index>(graph.num_nodes(), 1), degree = 2.0 * graph.num_edges() / n;
   const bool sparse = degree <= sparse_degree;
   const bool dense = degree >= dense_degree && degree >= dense_share * n;
@@ -85,6 +89,13 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     (text << ... << parts);
     reason = text.str();
   };
+
+  const auto is_near = [&](const Progress& start) {
+    double squares = 0.0;
+    for (Index l = 0; l < graph.num_nodes(); ++l) squares += graph.degree(l) * graph.degree(l);
+    return start.gradient_norm <= near * std::sqrt(squares);
+  };
+  const bool may_skip = sparse && given && options.max_iterations > 0 && options.time_limit > 0.0;
 
   // Sweeps, until they have converged or prove slow.
   method = dense ? Method::sum : Method::bcd;
@@ -97,7 +108,8 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     const double rate =
         progress.iteration >= 2 ? std::sqrt(progress.relative_gradient / before_last) : 0.0;
     before_last = std::exchange(last, progress.relative_gradient);
-    if (progress.iteration < (sparse ? first_sweeps : watched_sweeps)) return true;
+    const bool skip = may_skip && progress.iteration == 0 && is_near(progress);
+    if (!skip && progress.iteration < (sparse ? first_sweeps : watched_sweeps)) return true;
     const double sweeps = std::log(options.tolerance / last) / std::log(rate);
     slow = sparse || (options.stop == StopRule::gradient && !(rate < 1.0 && sweeps <= patience));
     return !slow;
@@ -113,8 +125,9 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   const double flops = metric.flops(max_flops);
   if (flops <= max_flops) {
     method = Method::newton;
-    line("newton after ", result.iterations, " sweeps of ", name, ": average degree ", degree,
-         ", the Laplacian factors in ", flops, " operations");
+    const std::string sweeps = std::to_string(result.iterations) + " sweeps of " + name;
+    line("newton ", result.iterations > 0 ? "after " + sweeps : "from a start that is near",
+         ": average degree ", degree, ", the Laplacian factors in ", flops, " operations");
     append(result, newton(graph, start, metric, rest));
   } else {
     method = Method::bcd;

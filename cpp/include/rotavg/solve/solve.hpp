@@ -101,7 +101,7 @@ class FrontDoor {
     if (options_.method == Method::staircase) {
       climb_from(std::move(start), solution);
     } else {
-      run_from(start, options_.method, solution);
+      run_from(start, options_.method, solution, given.has_value());
       if (free_choice && is_refuted(solution)) try_chordal_start(solution);
       if (automatic && is_refuted(solution)) climb_from(solution.rotations, solution);
     }
@@ -154,10 +154,11 @@ class FrontDoor {
   }
 
   /// From one initial value: solved, gauge fixed, certified.
-  void run_from(const Rotations& R, Method method, Solution& solution) {
+  /// @param given whether R is the caller's
+  void run_from(const Rotations& R, Method method, Solution& solution, bool given = false) {
     const double before = watch_.seconds();
     solution.method = method;
-    static_cast<IterationResult&>(solution) = iterate(R, method, solution);
+    static_cast<IterationResult&>(solution) = iterate(R, method, given, solution);
     iterations_ += solution.iterations;
     solution.certificate = Certificate{};  // an older one is of other rotations
     solution.components = components_;
@@ -166,7 +167,7 @@ class FrontDoor {
     certify_solution(solution);
   }
 
-  IterationResult iterate(const Rotations& R, Method method, Solution& solution) {
+  IterationResult iterate(const Rotations& R, Method method, bool given, Solution& solution) {
     const bool accelerate = options_.accelerate;
     switch (method) {
       case Method::bcd:
@@ -182,7 +183,7 @@ class FrontDoor {
       case Method::staircase:
         break;
     }
-    return solve_automatically(graph_, eliminations_, R, limits(), solution.method,
+    return solve_automatically(graph_, eliminations_, R, limits(), given, solution.method,
                                solution.reason);
   }
 
