@@ -1,6 +1,9 @@
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include <doctest/doctest.h>
 
@@ -99,6 +102,61 @@ TEST_CASE("a run that a callback stops is certified, an interrupted one is not")
   SolveOptions uncertified;
   uncertified.certify = false;
   CHECK(solve(graph, uncertified).certificate.verdict == Verdict::not_run);
+}
+
+TEST_CASE("a callback that returns false ends all runs, and counts through all of them") {
+  Random random;
+  INFO(random.replay());
+  const Index n = 30;
+  const MeasurementGraph graph = test::noiseless_cycle(n);
+  const Rotations start = test::perturbed(random, test::twisted(n, 1), 0.05);
+  std::size_t most = 0;
+  for (std::size_t allowed = 1; allowed < 40; ++allowed) {
+    CAPTURE(allowed);
+    std::vector<Progress> told;
+    SolveOptions options;
+    options.iteration.callback = [&](const Progress& progress) {
+      told.push_back(progress);
+      return told.size() < allowed;
+    };
+    const Solution solution = solve(graph, options, start);
+    REQUIRE(told.size() <= allowed);
+    for (std::size_t k = 1; k < told.size(); ++k) {
+      CHECK(told[k].iteration > told[k - 1].iteration);
+      CHECK(told[k].seconds >= told[k - 1].seconds);
+    }
+    const bool proved = solution.certificate.verdict == Verdict::proved;
+    if (told.size() == allowed && !proved) CHECK(solution.status == Status::stopped);
+    if (told.size() < allowed) CHECK(proved);
+    most = std::max(most, told.size());
+  }
+  CHECK(most < 39);  // or the last runs were not met
+}
+
+TEST_CASE("interrupted in the middle of a step, no solver says that it has converged") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph graph = test::simulate_graph(random, test::grid(6, 6), 0.3);
+  const Rotations start = random.rotations(graph.num_nodes());
+  const std::vector<Matrix3> information(graph.edges().size(), Matrix3::Identity());
+  for (int stop = 1; stop < 60; ++stop) {
+    CAPTURE(stop);
+    int asked = 0;
+    IterationOptions options;
+    options.keep_going = [&] { return ++asked != stop; };  // once, as a flag that is read and reset
+    const auto check = [&](auto&& solver) {
+      asked = 0;
+      const IterationResult result = solver();
+      if (result.status == Status::gradient_converged) CHECK(result.relative_gradient <= 1e-9);
+      if (result.status == Status::step_converged) CHECK(result.relative_gradient <= 1e-6);
+    };
+    for (const StopRule rule : {StopRule::gradient, StopRule::step}) {
+      options.stop = rule;
+      check([&] { return bcd(graph, start, options); });
+      check([&] { return newton(graph, start, options); });
+      check([&] { return refine_anisotropic(graph, information, start, options); });
+    }
+  }
 }
 
 TEST_CASE("a start of the wrong size is refused with both numbers") {

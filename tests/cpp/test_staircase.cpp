@@ -188,6 +188,33 @@ TEST_CASE("every component climbs for itself") {
   }
 }
 
+TEST_CASE("a component that does not improve does not hold the others back") {
+  // A ring that untwists, one whose relaxation is not tight, and one that is at its optimum.
+  Random random;
+  INFO(random.replay());
+  const Index n = 12;
+  std::vector<RelativeRotation> measurements;
+  for (const auto& [i, j] : test::cycle(n)) measurements.push_back({i, j});
+  for (const auto& [i, j] : test::complete(5)) {
+    measurements.push_back({100 + i, 100 + j, random.rotation()});
+  }
+  for (const auto& [i, j] : test::cycle(n)) measurements.push_back({200 + i, 200 + j});
+  const MeasurementGraph graph(measurements);
+  Rotations start = test::twisted(n, 1);
+  start.resize(graph.nodes().size(), Matrix3::Identity());
+  SolveOptions options;
+  options.max_rank = 0;
+  const Solution stuck = solve(graph, options, start);
+  options.max_rank = 10;
+  const Solution solution = solve(graph, options, start);
+  REQUIRE(solution.certificate.components.size() == 3);
+  CHECK(stuck.certificate.components[0].verdict == Verdict::not_certified);
+  CHECK(solution.certificate.components[0].verdict == Verdict::proved);
+  CHECK(solution.certificate.components[2].verdict == Verdict::proved);
+  CHECK(solution.objective < stuck.objective - 0.1);
+  CHECK(solution.certificate.gap >= -1e-12);
+}
+
 TEST_CASE("rounding turns a reflected lift round") {
   Random random;
   INFO(random.replay());

@@ -48,6 +48,8 @@
 #include <rotavg/solve/bcdsr.hpp>
 #include <rotavg/solve/lifted_newton.hpp>
 #include <rotavg/solve/newton.hpp>
+#include <rotavg/solve/run.hpp>
+#include <rotavg/solve/solution.hpp>
 #include <rotavg/solve/solve.hpp>
 #include <rotavg/solve/staircase.hpp>
 #include <rotavg/solve/sum.hpp>

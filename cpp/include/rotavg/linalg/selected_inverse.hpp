@@ -12,6 +12,7 @@
 #include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/linalg/buffer.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
+#include <rotavg/linalg/tall.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
@@ -103,12 +104,14 @@ class SelectedInverse {
     PanelView Z = panel(s);
     Eigen::MatrixXd inverse = Eigen::MatrixXd::Identity(pivots, pivots);
     L_JJ.solveInPlace(inverse);
-    Z.topRows(pivots).noalias() = inverse.transpose() * inverse;
+    Z.setZero();
+    add_product(1.0, inverse.transpose(), inverse, Z.topRows(pivots));
     if (below == 0) return;
     gather(node);
-    Y_.noalias() = L.bottomRows(below) * inverse;
-    Z.bottomRows(below).noalias() = -Z_KK_ * Y_;
-    Z.topRows(pivots).noalias() -= Y_.transpose() * Z.bottomRows(below);
+    Y_.setZero(below, pivots);
+    add_product(1.0, L.bottomRows(below), inverse, Y_);
+    add_product(-1.0, Z_KK_, Y_, Z.bottomRows(below));
+    add_product(-1.0, Y_.transpose(), Z.bottomRows(below), Z.topRows(pivots));
   }
 
   /// Z_KK, K the rows below this supernode, from the panels of ancestors.

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+
 #include <Eigen/Core>
 
 namespace rotavg {
@@ -23,6 +25,17 @@ inline Eigen::MatrixXd combinations(const Eigen::MatrixXd& A, const Eigen::Matri
     for (Eigen::Index i = 0; i < A.cols(); ++i) result.col(j) += C(i, j) * A.col(i);
   }
   return result;
+}
+
+/// C += s A B, on this thread alone and in an order that depends on nothing else: Eigen takes no
+/// further threads for four columns.
+template <typename A, typename B, typename C>
+void add_product(double s, const A& a, const B& b, C&& c) {
+  constexpr Eigen::Index together = 4;
+  for (Eigen::Index j = 0; j < b.cols(); j += together) {
+    const Eigen::Index columns = std::min(together, b.cols() - j);
+    c.middleCols(j, columns).noalias() += s * (a * b.middleCols(j, columns));
+  }
 }
 
 }  // namespace rotavg

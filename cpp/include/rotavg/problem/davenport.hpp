@@ -22,13 +22,12 @@ class DavenportSum {
   EIGEN_STRONG_INLINE void add(const Quaternion& q, const WeightedQuaternion& b_xyzw) {
     Lanes b;
     std::memcpy(&b, b_xyzw.coeffs().data(), sizeof b);
-    const Lanes p = q.w() * b +
-                    q.x() * Lanes{1, -1, 1, -1} * __builtin_shufflevector(b, b, 3, 2, 1, 0) +
-                    q.y() * Lanes{1, 1, -1, -1} * __builtin_shufflevector(b, b, 2, 3, 0, 1) +
-                    q.z() * Lanes{-1, 1, 1, -1} * __builtin_shufflevector(b, b, 1, 0, 3, 2);
+    const Lanes p = q.w() * b + q.x() * Lanes{1, -1, 1, -1} * Lanes{b[3], b[2], b[1], b[0]} +
+                    q.y() * Lanes{1, 1, -1, -1} * Lanes{b[2], b[3], b[0], b[1]} +
+                    q.z() * Lanes{-1, 1, 1, -1} * Lanes{b[1], b[0], b[3], b[2]};
     same_ += p * p;
-    next_ += p * __builtin_shufflevector(p, p, 1, 2, 3, 0);
-    opposite_ += p * __builtin_shufflevector(p, p, 2, 3, 0, 1);
+    next_ += p * Lanes{p[1], p[2], p[3], p[0]};
+    opposite_ += p * Lanes{p[2], p[3], p[0], p[1]};
   }
   Matrix4 matrix() const {
     Matrix4 K;

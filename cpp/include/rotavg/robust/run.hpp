@@ -25,6 +25,9 @@ class RobustRun {
         num_threads_(resolve_num_threads(options.iteration.num_threads, graph.num_edges())),
         inner_(inner_steps(graph_, options.method, num_threads_)) {}
 
+  RobustRun(const RobustRun&) = delete;
+  RobustRun& operator=(const RobustRun&) = delete;
+
   const std::vector<double>& given() const { return given_; }
   const std::vector<double>& squared_residuals_at(const Rotations& R) {
     squared_residuals(ResidualQuaternions(graph_, to_quaternions(R), num_threads_), x_);

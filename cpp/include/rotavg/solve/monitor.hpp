@@ -55,10 +55,10 @@ class Monitor {
   /// What should_stop was last told.
   double relative_gradient() const { return result_.trace.back().relative_gradient; }
 
-  /// For the middle of a long step.
+  /// For the middle of a long step; once it is false, should_stop says so, too.
   bool keep_going() const {
-    return watch_.seconds() < options_.time_limit &&
-           (!options_.keep_going || options_.keep_going());
+    interrupted_ |= options_.keep_going && !options_.keep_going();
+    return !interrupted_ && watch_.seconds() < options_.time_limit;
   }
 
   /// The result, with the rotations that should_stop was last told of.
@@ -75,16 +75,18 @@ class Monitor {
 
  private:
   Status status_after(const Progress& progress, bool settled) const {
-    const bool go_on = (!options_.callback || options_.callback(progress)) &&
-                       (!options_.keep_going || options_.keep_going());
-    if (options_.stop == StopRule::gradient) {
-      if (progress.relative_gradient <= options_.tolerance) return Status::gradient_converged;
-    } else if (progress.iteration > 0 && progress.step < options_.tolerance) {
-      return Status::step_converged;
+    const bool told_to_go_on = !options_.callback || options_.callback(progress);
+    interrupted_ |= options_.keep_going && !options_.keep_going();
+    const bool go_on = told_to_go_on && !interrupted_;
+    const bool by_step = options_.stop == StopRule::step;
+    if (!by_step && progress.relative_gradient <= options_.tolerance) {
+      return Status::gradient_converged;
     }
-    if (settled) return Status::step_converged;
+    // Before what the step says: that of an interrupted iteration is short.
     if (!go_on) return Status::stopped;
     if (progress.seconds >= options_.time_limit) return Status::time_limit;
+    const bool by_rule = by_step && progress.iteration > 0 && progress.step < options_.tolerance;
+    if (by_rule || settled) return Status::step_converged;
     if (progress.iteration >= options_.max_iterations) return Status::iteration_limit;
     return Status::not_run;
   }
@@ -93,6 +95,7 @@ class Monitor {
   int num_threads_;
   Stopwatch watch_;
   IterationResult result_;
+  mutable bool interrupted_ = false;
 };
 
 }  // namespace rotavg

@@ -45,6 +45,10 @@ inline IterationResult newton(const MeasurementGraph& graph, const Rotations& R,
 
   Quaternions q = to_quaternions(R), next(q);
   ResidualQuaternions residuals(graph, q, num_threads);
+  if (outcome == CholeskyOutcome::stopped) {
+    monitor.should_stop(residuals.objective(), residuals.gradient_norm(), 0.0);
+    return std::move(monitor).result(R);
+  }
   NodeVectors g(graph.num_nodes(), 3);
   TruncatedCg<NodeVectors> newton_direction;
   double step = 0.0;

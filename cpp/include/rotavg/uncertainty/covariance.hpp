@@ -66,15 +66,6 @@ struct NodePair {
   Index node;
 };
 
-/// The variance per axis of the noise of an edge of weight 1, radians^2, from what is left over.
-/// To first order f = 2 sum w angle^2, and the sum of squares w angle^2 has the mean variance times
-/// the number of its degrees of freedom. NaN where there are none: a forest is met exactly.
-inline double estimated_noise_variance(double objective, Index num_edges, Index num_nodes,
-                                       Index num_components) {
-  const Index freedom = 3 * (num_edges - num_nodes + num_components);
-  return freedom > 0 ? 0.5 * objective / freedom : std::numeric_limits<double>::quiet_NaN();
-}
-
 namespace detail {
 
 /// The covariances of some pairs of one component.

@@ -1,0 +1,174 @@
+#pragma once
+
+#include <algorithm>
+#include <functional>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include <rotavg/certify/certificate.hpp>
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/init/chordal.hpp>
+#include <rotavg/init/quaternion.hpp>
+#include <rotavg/init/random.hpp>
+#include <rotavg/init/shortest_path.hpp>
+#include <rotavg/init/spanning_tree.hpp>
+#include <rotavg/problem/gauge.hpp>
+#include <rotavg/solve/accelerated.hpp>
+#include <rotavg/solve/automatic.hpp>
+#include <rotavg/solve/bcd.hpp>
+#include <rotavg/solve/bcdsr.hpp>
+#include <rotavg/solve/newton.hpp>
+#include <rotavg/solve/solution.hpp>
+#include <rotavg/solve/stopwatch.hpp>
+#include <rotavg/solve/sum.hpp>
+
+namespace rotavg {
+
+/// What the runs of one call of solve() share: the limits, the watch, the analysis of the graph.
+class SolveRun {
+ public:
+  /// @param graph, options must outlive this object
+  SolveRun(const MeasurementGraph& graph, const SolveOptions& options)
+      : graph_(graph),
+        options_(options),
+        components_(connected_components(graph)),
+        eliminations_(grounded_eliminations(graph, components_)),
+        lower_bounds_(components_.nodes.size()),
+        keep_going_([this] {
+          return time_left() > 0.0 &&
+                 (!options_.iteration.keep_going || options_.iteration.keep_going());
+        }) {}
+
+  SolveRun(const SolveRun&) = delete;
+  SolveRun& operator=(const SolveRun&) = delete;
+
+  const MeasurementGraph& graph() const { return graph_; }
+  const SolveOptions& options() const { return options_; }
+  const Components& components() const { return components_; }
+  std::vector<Elimination>& eliminations() { return eliminations_; }
+  const std::function<bool()>& keep_going() const { return keep_going_; }
+  double seconds() const { return watch_.seconds(); }
+
+  /// What is left of the caller's limits; the callback goes on counting where the last run ended.
+  IterationOptions limits() {
+    IterationOptions rest = options_.iteration;
+    rest.time_limit = time_left();
+    if (rest.max_iterations > 0)
+      rest.max_iterations = std::max(0, rest.max_iterations - iterations_);
+    if (rest.callback) {
+      rest.callback = [this, before = iterations_, began = watch_.seconds(),
+                       first = std::exchange(is_first_, false)](Progress progress) {
+        if (progress.iteration == 0 && !first) return !asked_to_stop_;
+        progress.iteration += before;
+        progress.seconds += began;
+        asked_to_stop_ |= !options_.iteration.callback(progress);
+        return !asked_to_stop_;
+      };
+    }
+    return rest;
+  }
+
+  bool may_go_on() const {
+    return !asked_to_stop_ && keep_going_() && iterations_ < options_.iteration.max_iterations;
+  }
+  /// Whether the callback has returned false.
+  bool asked_to_stop() const { return asked_to_stop_; }
+
+  /// Of all runs, and of what else was counted.
+  int iterations() const { return iterations_; }
+  void count(int iterations) { iterations_ += iterations; }
+
+  /// @param used receives what was used: the shortest paths where a linear system would cost more
+  ///        than options.certificate.max_factorization_flops, or the time is up
+  Rotations initial_value(Initialization init, Initialization& used) {
+    const double max_flops = options_.certificate.max_factorization_flops;
+    std::optional<Rotations> R;
+    used = init;
+    switch (init) {
+      case Initialization::spanning_tree:
+        return spanning_tree_init(graph_);
+      case Initialization::random:
+        return random_init(graph_, options_.seed);
+      case Initialization::chordal:
+        R = chordal_init(graph_, eliminations_, max_flops, keep_going_);
+        break;
+      case Initialization::quaternion:
+        R = quaternion_init(graph_, eliminations_, max_flops, keep_going_);
+        break;
+      case Initialization::automatic:
+      case Initialization::shortest_path:
+        break;
+    }
+    if (R) return *std::move(R);
+    used = Initialization::shortest_path;
+    return shortest_path_init(graph_);
+  }
+
+  /// From one initial value: solved, gauge fixed, certified.
+  /// @param solution what it holds of earlier runs, such as their timings, stays or is added to
+  /// @param given whether R is the caller's
+  void from(const Rotations& R, Method method, Solution& solution, bool given = false) {
+    const double before = watch_.seconds();
+    solution.method = method;
+    static_cast<IterationResult&>(solution) = iterate(R, method, given, solution);
+    iterations_ += solution.iterations;
+    solution.certificate = Certificate{};  // an older one is of other rotations
+    solution.components = components_;
+    fix_gauge(components_, solution.rotations);
+    solution.timings.solve += watch_.seconds() - before;
+    certify(solution);
+  }
+
+  void certify(Solution& solution) {
+    const bool interrupted = options_.iteration.keep_going && !options_.iteration.keep_going();
+    if (!options_.certify || interrupted) return;
+    const double before = watch_.seconds();
+    CertificateOptions certificate = options_.certificate;
+    certificate.num_threads = options_.iteration.num_threads;
+    certificate.keep_going = keep_going_;
+    solution.certificate = rotavg::certify(graph_, solution.rotations, components_, eliminations_,
+                                           certificate, lower_bounds_);
+    solution.timings.certify += watch_.seconds() - before;
+  }
+
+  /// What is known of the optimum of component c besides; certificates use it.
+  LowerBound& lower_bound(Index c) { return lower_bounds_[c]; }
+
+ private:
+  double time_left() const { return options_.iteration.time_limit - watch_.seconds(); }
+
+  IterationResult iterate(const Rotations& R, Method method, bool given, Solution& solution) {
+    const IterationOptions limits = this->limits();
+    switch (method) {
+      case Method::bcd:
+        return options_.accelerate ? accelerated_bcd(graph_, R, limits) : bcd(graph_, R, limits);
+      case Method::sum:
+        return options_.accelerate ? accelerated_sum(graph_, R, limits, options_.mu)
+                                   : sum(graph_, R, limits, options_.mu);
+      case Method::newton:
+        return newton(graph_, R, limits);
+      case Method::bcdsr:
+        return bcdsr(graph_, R, limits);
+      case Method::automatic:
+      case Method::staircase:
+        break;
+    }
+    return solve_automatically(graph_, eliminations_, R, limits, given, solution.method,
+                               solution.reason);
+  }
+
+  const MeasurementGraph& graph_;
+  const SolveOptions& options_;
+  const Stopwatch watch_;
+  const Components components_;
+  std::vector<Elimination> eliminations_;
+  std::vector<LowerBound> lower_bounds_;  ///< on the optimum of every component
+  const std::function<bool()> keep_going_;
+  int iterations_ = 0;  ///< of all runs
+  bool is_first_ = true, asked_to_stop_ = false;
+};
+
+}  // namespace rotavg
