@@ -33,7 +33,7 @@ def solve_grounded(grounded: Grounded, run: Run, settings: dict[str, Any]) -> di
     }
     stopped = first["status"] == "stopped"
     if stopped:
-        limits = {"max_iterations": 0, "callback": None}
+        limits.update(max_iterations=0, callback=None)
     start = grounded.rows_of(grounded.aligned(first["rotations"]))
     core = run(problem.graph, start=start, loss="l2", cycle_threshold=0.0, **limits)
     if stopped:
