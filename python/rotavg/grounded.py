@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg import _core
+from rotavg.arrays import rows_by_label
 from rotavg.errors import GraphError
 from rotavg.graph import MeasurementGraph
 from rotavg.priors import CheckedPriors, Priors
@@ -229,9 +230,8 @@ class Grounded:
         near to the identity as it can be.
         """
         Q = Q.copy()
-        for label in range(int(self.turn.max()) + 1):
-            part = self.turn == label
-            first = Q[np.argmax(part)]
+        for part in rows_by_label(self.turn, int(self.turn.max()) + 1):
+            first = Q[part[0]]
             g = self.priors.down
             # tr(exp(phi [g]) R) = const + cos(phi) (tr R - g R g) - sin(phi) g . vee(R - R^T)
             vee = np.array([first[2, 1], first[0, 2], first[1, 0]])
