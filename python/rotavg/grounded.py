@@ -161,6 +161,15 @@ class Grounded:
         tilt = np.einsum("kab,kb->ka", rotations[p.gravity], p.gravity_downs) - p.down
         return np.asarray(2 * p.gravity_weights * np.sum(tilt**2, axis=1))
 
+    def prior_costs(self, rotations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) what the priors of every given node add to the objective."""
+        p = self.priors
+        costs = np.zeros(len(rotations))
+        off = rotations[p.absolute] - p.absolute_rotations
+        costs[p.absolute] += p.absolute_weights * np.sum(off**2, axis=(1, 2))
+        costs[p.gravity] += self.gravity_costs(rotations)
+        return costs
+
     def objective(self, rotations: NDArray[np.float64]) -> float:
         """Of the measurements and the priors, with what nothing can change between fixed nodes."""
         constant = float(self.gravity_costs(rotations)[~self._free_gravity].sum())

@@ -86,7 +86,7 @@ class Solution:
     Attributes:
         graph: what was solved.
         rotations: (n, 3, 3) world_from_node, rows as in `graph.nodes`; the first node of every
-            component has the identity.
+            component that no prior holds has the identity.
         objective: f = sum of w |R_i R_ij - R_j|_F^2, equation (3).
         gradient_norm: Euclidean norm of the gradient, per radian.
         relative_gradient: largest |gradient of node i| / degree of i, in radians:
