@@ -66,6 +66,15 @@ py::dict robust_dict(const rotavg::RobustSolution& s) {
   return result;
 }
 
+/// @param callback of Python; must outlive the result
+rotavg::ProgressCallback calling(const py::function& callback) {
+  return [&callback](const rotavg::Progress& progress) {
+    const py::gil_scoped_acquire gil;
+    const py::object answer = callback(progress);
+    return answer.is_none() || answer.cast<bool>();
+  };
+}
+
 py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
                const std::string& init, const std::optional<DoubleArray>& start, std::uint64_t seed,
                const std::string& mu, bool accelerate, int max_rank, const std::string& stop,
@@ -89,13 +98,7 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
   options.iteration.time_limit = time_limit;
   options.iteration.num_threads = num_threads;
   options.iteration.keep_going = signals.keep_going();
-  if (callback) {
-    options.iteration.callback = [&callback](const rotavg::Progress& progress) {
-      const py::gil_scoped_acquire gil;
-      const py::object answer = (*callback)(progress);
-      return answer.is_none() || answer.cast<bool>();
-    };
-  }
+  if (callback) options.iteration.callback = calling(*callback);
   std::optional<rotavg::Rotations> R;
   if (start) R = to_rotations(*start, "init");
   const rotavg::RobustOptions robust{value_of<rotavg::Loss>(loss), loss_scale, cycle_threshold};
@@ -117,7 +120,8 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
 
 py::dict refine_anisotropic(const rotavg::MeasurementGraph& graph, const DoubleArray& information,
                             const DoubleArray& rotations, double tolerance, int max_iterations,
-                            double time_limit, int num_threads) {
+                            double time_limit, int num_threads,
+                            const std::optional<py::function>& callback, int iterations_before) {
   SignalCheck signals;
   rotavg::IterationOptions options;
   options.tolerance = tolerance;
@@ -125,6 +129,13 @@ py::dict refine_anisotropic(const rotavg::MeasurementGraph& graph, const DoubleA
   options.time_limit = time_limit;
   options.num_threads = num_threads;
   options.keep_going = signals.keep_going();
+  if (callback) {
+    options.callback = [call = calling(*callback), iterations_before](rotavg::Progress progress) {
+      if (progress.iteration == 0) return true;  // told at the end of what came before
+      progress.iteration += iterations_before;
+      return call(progress);
+    };
+  }
   const rotavg::Rotations omega = to_rotations(information, "information");
   rotavg::Rotations R = to_rotations(rotations, "rotations");
   const auto result =
@@ -178,7 +189,8 @@ void bind_solve(py::module_& m) {
         py::arg("loss_scale"), py::arg("cycle_threshold"));
   m.def("refine_anisotropic", &refine_anisotropic, py::arg("graph"), py::arg("information"),
         py::arg("rotations"), py::kw_only(), py::arg("tolerance"), py::arg("max_iterations"),
-        py::arg("time_limit"), py::arg("num_threads"));
+        py::arg("time_limit"), py::arg("num_threads"), py::arg("callback"),
+        py::arg("iterations_before"));
 }
 
 }  // namespace rotavg_python

@@ -74,6 +74,8 @@ def refine_anisotropic(
     max_iterations: int,
     time_limit: float,
     num_threads: int,
+    callback: Callable[[Progress], bool | None] | None,
+    iterations_before: int,
 ) -> dict[str, Any]: ...
 def certify(
     graph: MeasurementGraph,

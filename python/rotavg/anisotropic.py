@@ -1,19 +1,9 @@
-"""Noise that is not the same in all directions: a refinement from the isotropic optimum."""
+"""Noise that is not the same in all directions: covariances of measurements."""
 
 from __future__ import annotations
 
-import time
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
 from numpy.typing import NDArray
-
-from rotavg import _core
-from rotavg.arrays import read_only
-
-if TYPE_CHECKING:
-    from rotavg.solution import Solution
 
 
 def first_bad_covariance(covariances: NDArray[np.float64]) -> tuple[int, str] | None:
@@ -47,46 +37,9 @@ def isotropic_weights(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(3 / np.trace(covariances, axis1=1, axis2=2))
 
 
-def information(solution: Solution) -> NDArray[np.float64]:
-    """(m, 3, 3) inverse covariances, times what a robust loss left of the weights."""
-    graph = solution.graph
-    assert graph.covariances is not None
-    share = solution.edge_weights / graph.weights
-    omega = np.linalg.inv(graph.covariances)
+def information(
+    covariances: NDArray[np.float64], share: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(m, 3, 3) inverse covariances, times `share` (m,): what is left of their weights."""
+    omega = np.linalg.inv(covariances)
     return np.asarray(share[:, None, None] * (omega + np.swapaxes(omega, 1, 2)) / 2)
-
-
-def refined(solution: Solution, settings: dict[str, Any]) -> Solution:
-    """The local minimum of sum of r^T C^-1 r next to the solution; see `solve`."""
-    from rotavg.solution import Status, Timings, Trace
-
-    spent = solution.timings
-    began = time.perf_counter()
-    core = _core.refine_anisotropic(
-        solution.graph._core,
-        information(solution),
-        solution.rotations,
-        tolerance=settings["tolerance"],
-        max_iterations=max(0, settings["max_iterations"] - solution.iterations),
-        time_limit=max(0.0, settings["time_limit"] - spent.total),
-        num_threads=settings["num_threads"],
-    )
-    seconds = time.perf_counter() - began
-    status = Status[core["status"].upper()]
-    if solution.status is Status.STOPPED:
-        status = solution.status
-    then = f"then Gauss-Newton on the covariances, {core['iterations']} iterations"
-    return replace(
-        solution,
-        rotations=read_only(core["rotations"]),
-        objective=core["objective"],
-        gradient_norm=core["gradient_norm"],
-        relative_gradient=core["relative_gradient"],
-        status=status,
-        iterations=solution.iterations + core["iterations"],
-        reason=f"{solution.reason or solution.method}; {then}",
-        trace=Trace(**{name: read_only(values) for name, values in core["trace"].items()}),
-        timings=Timings(spent.init, spent.solve + seconds, spent.certify),
-        certificate=None,
-        isotropic=solution,
-    )

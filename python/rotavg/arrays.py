@@ -28,6 +28,13 @@ def as_floats(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[n
     return array
 
 
+def rows_by_label(label: NDArray[Any], count: int) -> list[NDArray[np.int64]]:
+    """The rows, rising, of each of the labels 0 to count - 1 in an array (n,)."""
+    order = np.argsort(label, kind="stable")
+    ends = np.searchsorted(label[order], np.arange(count + 1))
+    return [order[low:high] for low, high in zip(ends[:-1], ends[1:])]
+
+
 def read_only(array: Array) -> Array:
     """The same array, no longer writeable."""
     array.setflags(write=False)

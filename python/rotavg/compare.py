@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg.arrays import as_floats, read_only
+from rotavg.arrays import as_floats, read_only, rows_by_label
 from rotavg.conventions import first_no_rotation
 from rotavg.errors import GraphError
 from rotavg.solution import Solution
@@ -104,10 +104,10 @@ def compare(
         found = "no two rotations are in the same component"
         raise GraphError(f"{found}: one alone can be turned to meet any reference")
     angles = np.empty(n)
-    for c in np.flatnonzero(count > 1):
-        chosen = label == c
-        left = S[chosen] @ np.swapaxes(R[chosen], 1, 2)
-        angles[chosen] = _angles(left, _l1_mean(left))
+    for chosen in rows_by_label(label, len(count)):
+        if len(chosen) > 1:
+            left = S[chosen] @ np.swapaxes(R[chosen], 1, 2)
+            angles[chosen] = _angles(left, _l1_mean(left))
     return Comparison(
         read_only(angles[compared]),
         read_only(np.flatnonzero(compared)),

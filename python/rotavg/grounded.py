@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg import _core
+from rotavg.arrays import rows_by_label
 from rotavg.errors import GraphError
 from rotavg.graph import MeasurementGraph
 from rotavg.priors import CheckedPriors, Priors
@@ -160,6 +161,15 @@ class Grounded:
         tilt = np.einsum("kab,kb->ka", rotations[p.gravity], p.gravity_downs) - p.down
         return np.asarray(2 * p.gravity_weights * np.sum(tilt**2, axis=1))
 
+    def prior_costs(self, rotations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) what the priors of every given node add to the objective."""
+        p = self.priors
+        costs = np.zeros(len(rotations))
+        off = rotations[p.absolute] - p.absolute_rotations
+        costs[p.absolute] += p.absolute_weights * np.sum(off**2, axis=(1, 2))
+        costs[p.gravity] += self.gravity_costs(rotations)
+        return costs
+
     def objective(self, rotations: NDArray[np.float64]) -> float:
         """Of the measurements and the priors, with what nothing can change between fixed nodes."""
         constant = float(self.gravity_costs(rotations)[~self._free_gravity].sum())
@@ -229,9 +239,8 @@ class Grounded:
         near to the identity as it can be.
         """
         Q = Q.copy()
-        for label in range(int(self.turn.max()) + 1):
-            part = self.turn == label
-            first = Q[np.argmax(part)]
+        for part in rows_by_label(self.turn, int(self.turn.max()) + 1):
+            first = Q[part[0]]
             g = self.priors.down
             # tr(exp(phi [g]) R) = const + cos(phi) (tr R - g R g) - sin(phi) g . vee(R - R^T)
             vee = np.array([first[2, 1], first[0, 2], first[1, 0]])

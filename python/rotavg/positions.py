@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg.arrays import as_floats
+from rotavg.conventions import first_no_rotation
 from rotavg.errors import GraphError, SolverError, require
 from rotavg.graph import MeasurementGraph
 
@@ -33,7 +34,8 @@ def positions(
         (n, 3) in the world that `rotations` lead to.
 
     Raises:
-        GraphError: the graph has no translations, or these are not n rotations.
+        GraphError: the graph has no translations, these are not n rotations, or a fixed position
+            is not finite or of no row.
         MissingExtraError: SciPy is not installed.
         SolverError: the numbers are too large or too far apart.
     """
@@ -42,6 +44,9 @@ def positions(
         raise GraphError("the graph has no relative translations, so its nodes have no positions")
     n = graph.num_nodes
     R = as_floats(rotations, (n, 3, 3), "rotations")
+    bad = first_no_rotation(R)
+    if bad is not None:
+        raise GraphError(f"the matrix of node {graph.nodes[bad].item()!r} is not a rotation")
     result, known = _known(graph, fixed or {})
     i, j = graph.indices.T
     steps = np.einsum("mab,mb->ma", R[i], measured.vectors)
@@ -71,7 +76,12 @@ def _known(
     result = np.zeros((graph.num_nodes, 3))
     known = np.zeros(graph.num_nodes, dtype=np.bool_)
     for row, position in fixed.items():
+        if not (isinstance(row, (int, np.integer)) and 0 <= row < graph.num_nodes):
+            expected = f"expected a row of the graph's nodes, 0 to {graph.num_nodes - 1}"
+            raise GraphError(f"a position is fixed for row {row!r}, {expected}")
         result[row] = as_floats(position, (3,), f"position of row {row}")
+        if not np.isfinite(result[row]).all():
+            raise GraphError(f"position of row {row} is {result[row].tolist()}, expected finite")
         known[row] = True
     label = graph.components()
     first = np.unique(label, return_index=True)[1]

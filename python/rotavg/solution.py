@@ -86,7 +86,7 @@ class Solution:
     Attributes:
         graph: what was solved.
         rotations: (n, 3, 3) world_from_node, rows as in `graph.nodes`; the first node of every
-            component has the identity.
+            component that no prior holds has the identity.
         objective: f = sum of w |R_i R_ij - R_j|_F^2, equation (3).
         gradient_norm: Euclidean norm of the gradient, per radian.
         relative_gradient: largest |gradient of node i| / degree of i, in radians:
@@ -133,10 +133,14 @@ class Solution:
 
     def __getitem__(self, node: int | str) -> NDArray[np.float64]:
         """Rotation (3, 3), world_from_node, of the node with this id; GraphError without one."""
-        rows = np.flatnonzero(self.graph.nodes == node)
-        if len(rows) == 0:
-            raise GraphError(f"node {node!r} is not in the graph")
-        return np.asarray(self.rotations[rows[0]])
+        try:
+            return np.asarray(self.rotations[self._row_of[node]])
+        except (KeyError, TypeError):
+            raise GraphError(f"node {node!r} is not in the graph") from None
+
+    @cached_property
+    def _row_of(self) -> dict[int | str, int]:
+        return {node: row for row, node in enumerate(self.graph.nodes.tolist())}
 
     @cached_property
     def quaternions(self) -> NDArray[np.float64]:
@@ -195,8 +199,8 @@ class Solution:
             frame: of w: "world", or "node" for R = R_true exp([w]), of a pair that of its second.
 
         Raises:
-            SolverError: the rotations are no strict minimum; or the noise cannot be estimated, as
-                there are no cycles.
+            SolverError: the rotations are no strict minimum; the noise cannot be estimated, as
+                there are no cycles; or the factor does not fit in memory.
             GraphError: an unknown node, or a pair in two components.
             OptionError: an option out of range.
         """

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
-from rotavg.anisotropic import refined
 from rotavg.arrays import as_floats, read_only
 from rotavg.certificate import Certificate, ComponentCertificate
 from rotavg.errors import GraphError, OptionError, SolverError
@@ -20,6 +19,7 @@ from rotavg.grounded import ground
 from rotavg.priors import Priors
 from rotavg.robust import Loss, RobustFit
 from rotavg.solution import Solution, Status, Timings, Trace
+from rotavg.solve_anisotropic import refined
 from rotavg.solve_grounded import solve_grounded
 from rotavg.warm_start import warm_start
 
@@ -129,15 +129,17 @@ def solve(
         origin = "solution"
     elif not isinstance(init, str):
         start, origin = _node_rotations(graph, init, "init"), "given"
+    if callback is not None and not callable(callback):
+        raise OptionError(f"callback is {callback!r}; expected a function or None")
     settings: dict[str, Any] = {
-        "method": method,
+        "method": _word("method", method),
         "init": init if isinstance(init, str) else "auto",
         "start": start,
         "seed": _whole("seed", seed, 0, 2**64 - 1),
-        "mu": mu,
+        "mu": _word("mu", mu),
         "accelerate": bool(accelerate),
         "max_rank": _whole("max_rank", max_rank, 0, 100),
-        "stop": stop,
+        "stop": _word("stop", stop),
         "tolerance": _nonnegative("tolerance", tolerance),
         "max_iterations": _whole("max_iterations", max_iterations, 0, 2**31 - 1),
         "time_limit": _time_limit(time_limit),
@@ -145,7 +147,7 @@ def solve(
         "certify": bool(certify),
         "certificate_tolerance": _nonnegative("certificate_tolerance", certificate_tolerance),
         "callback": callback,
-        "loss": loss,
+        "loss": _word("loss", loss),
         "loss_scale": _angle("loss_scale", loss_scale, "auto"),
         "cycle_threshold": _angle("cycle_threshold", cycle_threshold, None),
     }
@@ -283,6 +285,13 @@ def _angle(name: str, value: float | str | None, otherwise: str | None) -> float
 
 def _time_limit(value: float | None) -> float:
     return math.inf if value is None else _nonnegative("time_limit", value)
+
+
+def _word(name: str, value: str) -> str:
+    """Any: the core knows which there are."""
+    if not isinstance(value, str):
+        raise OptionError(f"{name} is {value!r}; expected a word (str)")
+    return value
 
 
 def _whole(name: str, value: int, low: int, high: int) -> int:

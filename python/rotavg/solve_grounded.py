@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotavg.arrays import rows_by_label
 from rotavg.grounded import Grounded
 
 Run = Callable[..., "dict[str, Any]"]
@@ -40,7 +41,7 @@ def solve_grounded(
     }
     stopped = first["status"] == "stopped"
     if stopped:
-        limits = {"max_iterations": 0, "callback": None}
+        limits.update(max_iterations=0, callback=None)
     start = grounded.rows_of(grounded.aligned(first["rotations"]))
     core = run(problem.graph, start=start, loss="l2", cycle_threshold=0.0, **limits)
     if stopped:
@@ -78,12 +79,11 @@ def _certificate(
         return core
     label = grounded.graph.components()[grounded.graph.indices[:, 0]]
     costs, weights = grounded.costs(rotations), grounded.graph.weights
-    parts = []
-    for c, part in enumerate(core["components"]):
-        own = label == c
-        if own.any():
-            part = _part(part, costs[own], weights[own], tolerance)
-        parts.append(part)
+    edges = rows_by_label(label, len(core["components"]))
+    parts = [
+        _part(part, costs[own], weights[own], tolerance) if len(own) > 0 else part
+        for part, own in zip(core["components"], edges)
+    ]
     # The worst: what is not certified, or else estimated, and of these the largest gap.
     order = ("proved", "estimated", "not_certified")
     worst = max(parts, key=lambda part: (order.index(part["verdict"]), part["relative_gap"]))

@@ -44,17 +44,20 @@ def covariances(
         wanted = np.stack([first[label[places]], places], axis=1)
     else:
         wanted = places[rows]
-    found = _core.covariances(
-        graph._core,
-        rotations,
-        np.ascontiguousarray(wanted, dtype=np.int32),
-        noise_variance=_noise_variance(solution, noise_variance),
-        held_nodes=held,
-        turn_of=turn.tolist(),
-        axis=np.zeros(3) if grounded is None else grounded.priors.down,
-        information=None if solution.isotropic is None else _information(solution),
-        num_threads=1,
-    )
+    try:
+        found = _core.covariances(
+            graph._core,
+            rotations,
+            np.ascontiguousarray(wanted, dtype=np.int32),
+            noise_variance=_noise_variance(solution, noise_variance),
+            held_nodes=held,
+            turn_of=turn.tolist(),
+            axis=np.zeros(3) if grounded is None else grounded.priors.down,
+            information=None if solution.isotropic is None else _information(solution),
+            num_threads=1,
+        )
+    except _core.TooLarge as error:
+        raise SolverError(str(error)) from None
     if found is None:
         raise SolverError(
             "the rotations are no strict minimum of the objective (its Hessian is not positive "
@@ -93,10 +96,8 @@ def estimated_noise_variance(solution: Solution) -> float:
 
 
 def _information(solution: Solution) -> NDArray[np.float64]:
-    share = np.where(solution.is_outlier, 1e-6, 1.0) * (
-        solution.graph.weights / solution.edge_weights
-    )
-    return np.asarray(share[:, None, None] * information(solution))
+    assert solution.graph.covariances is not None
+    return information(solution.graph.covariances, np.where(solution.is_outlier, 1e-6, 1.0))
 
 
 def _noise_variance(solution: Solution, given: float | None) -> float:

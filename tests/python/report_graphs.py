@@ -42,6 +42,17 @@ def doubted() -> rotavg.Solution:
     return rotavg.solve(graph, loss="huber", cycle_threshold=np.radians(15))
 
 
+def in_two_parts() -> rotavg.MeasurementGraph:
+    """Two rings of 8 and 5 nodes, with noise that differs between the axes."""
+    rings = [rotavg.simulate("cycle", n, noise=0.1, seed=n).graph for n in (8, 5)]
+    spread = np.diag([4.0, 1.0, 0.25]) * 0.01
+    return rotavg.MeasurementGraph(
+        np.concatenate([rings[0].edges, rings[1].edges + 8]),
+        np.concatenate([ring.rotations for ring in rings]),
+        covariances=np.tile(spread, (13, 1, 1)),
+    )
+
+
 def posed(folder: Path) -> rotavg.Solution:
     """A trajectory from a g2o file with positions."""
     simulation = rotavg.simulate("sphere", 400, noise=0.05, seed=1)

@@ -212,6 +212,23 @@ def test_failure_in_the_middle_leaves_all_as_it_was(
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [(name, "precious")]
 
 
+def test_a_failure_between_two_files_names_the_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    move = Path.replace
+
+    def full(source: Path, target: Path) -> Path:
+        if target.name == "cc.txt":
+            raise OSError(28, "No space left on device")
+        return move(source, target)
+
+    monkeypatch.setattr(Path, "replace", full)
+    graph = MeasurementGraph([["a", "b"]], [I3])
+    with pytest.raises(FileAccessError, match=r"cc\.txt: cannot be written: No space left"):
+        write(tmp_path / "scene", graph, format="1dsfm")
+    assert [file.name for file in (tmp_path / "scene").iterdir()] == ["EGs.txt"]
+
+
 def test_output_keeps_links_and_permissions(tmp_path: Path) -> None:
     target, link = tmp_path / "target.txt", tmp_path / "link.txt"
     target.write_text("old")

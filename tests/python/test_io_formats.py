@@ -300,6 +300,11 @@ def test_1dsfm_by_hand(tmp_path: Path) -> None:
     assert graph.notes == ("1 edges outside the component in cc.txt left out",)
     (tmp_path / "list.txt").write_text("a.jpg 0 700\nb.jpg\nc.jpg\n")
     assert read(tmp_path).edges.tolist() == [["a.jpg", "c.jpg"]]
+    (tmp_path / "list.txt").write_text("a.jpg\n\nc#1.jpg 0 700\n\n")  # ids are line numbers
+    assert read(tmp_path).edges.tolist() == [["a.jpg", "c#1.jpg"]]
+    (tmp_path / "list.txt").write_text("a.jpg\nb.jpg\n\nd.jpg\n")
+    with pytest.raises(FormatError, match=r"list\.txt:3: found a blank line, .*name of node 2"):
+        read(tmp_path)
     (tmp_path / "list.txt").write_text("a.jpg\n")
     with pytest.raises(FormatError, match=r"node 2, expected ids 0 to 0: list\.txt has 1 images"):
         read(tmp_path)
@@ -314,6 +319,9 @@ def test_1dsfm_by_hand(tmp_path: Path) -> None:
         read(tmp_path)
     egs.write_text(f"0 2 {I9} {t}\n0 3 {I9}\n")
     with pytest.raises(FormatError, match=r"EGs\.txt:2: found 9 numbers .*expected 12"):
+        read(tmp_path)
+    egs.write_text("# nothing\n")
+    with pytest.raises(FormatError, match=r"EGs\.txt: the file has no edges"):
         read(tmp_path)
 
 
@@ -343,6 +351,9 @@ def test_glomap_weights(tmp_path: Path) -> None:
     (tmp_path / "x_weight.txt").write_text("b a seven\n")
     with pytest.raises(FormatError, match=r"x_weight\.txt:1: found 'seven', expected a number"):
         read(path)
+    (tmp_path / "x_weight.txt").write_text("b a 7\n\nc b -1\n")
+    with pytest.raises(FormatError, match=r"x_weight\.txt:3: found the weight -1, expected"):
+        read(path)
 
 
 def test_glomap_rotations(tmp_path: Path) -> None:
@@ -369,6 +380,7 @@ def test_irotavg_by_hand(tmp_path: Path) -> None:
         ("3 3 0\n0 1 1 0 0 0\n", "found 1 relative rotations, expected m = 3"),
         ("2 3 0\n0 1 1 0 0 0\n1 0 0 0\n", "irotavg:3: found .1 0 0 0., expected|numbers"),
         ("1 2 0\n0 1.5 1 0 0 0\n", "irotavg:2: found .*expected i j qw qx qy qz"),
+        ("1 2 0\n--5 1 1 0 0 0\n", "irotavg:2: found .*expected i j qw qx qy qz"),
     ):
         path.write_text(text)
         with pytest.raises(FormatError, match=message):
@@ -433,4 +445,7 @@ def test_gravity(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again, vectors)
     (tmp_path / "g.txt").write_text("a 0 1\n")
     with pytest.raises(FormatError, match=r"g\.txt:1: found 2 numbers .*expected 3"):
+        read_gravity(tmp_path / "g.txt")
+    (tmp_path / "g.txt").write_text("# nothing\n")
+    with pytest.raises(FormatError, match=r"g\.txt: the file has no directions"):
         read_gravity(tmp_path / "g.txt")

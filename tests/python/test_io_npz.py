@@ -10,7 +10,7 @@ import pytest
 from answers import random_answer
 from rotavg.errors import FormatError
 from rotavg.graph import MeasurementGraph
-from rotavg.io import read, write
+from rotavg.io import read, read_rotations, write
 from rotavg.simulate import simulate
 from shared_data import shared_data
 
@@ -70,6 +70,15 @@ def test_bad_archives(tmp_path: Path) -> None:
     np.savez(path, edges=[[0, 1]], rotations=np.eye(3))
     with pytest.raises(FormatError, match=r"rotations have shape \(3, 3\), expected \(1, 3, 3\)"):
         read(path)
+    np.savez(path, nodes=3, rotations=[np.eye(3)])
+    with pytest.raises(FormatError, match=r"bad\.npz: nodes have shape \(\), expected \(n,\)"):
+        read_rotations(path)
+    np.save(tmp_path / "array.npy", np.eye(3))
+    path.write_text("0 1 0 0 0 1\n")
+    for other in (tmp_path / "array.npy", path):
+        for reads in (read, read_rotations):
+            with pytest.raises(FormatError, match="found no npz archive, expected one as numpy"):
+                reads(other, format="npz")
     np.savez(path, edges=[[0, 1]], rotations=[np.eye(3)])
     whole = path.read_bytes()
     for size in (5, len(whole) // 3, len(whole) - 10):

@@ -121,6 +121,14 @@ def test_bad_input(monkeypatch: pytest.MonkeyPatch) -> None:
         rotavg.positions(bare, R)
     with pytest.raises(GraphError, match=r"shape \(4, 3, 3\), expected \(5, 3, 3\)"):
         rotavg.positions(graph, R[:4])
+    for matrix in (5 * R[2], np.full((3, 3), np.nan), np.diag([1.0, 1, -1])):
+        with pytest.raises(GraphError, match="the matrix of node 2 is not a rotation"):
+            rotavg.positions(graph, [*R[:2], matrix, *R[3:]])
+    for row in (5, -1, "a", 1.5):
+        with pytest.raises(GraphError, match=f"fixed for row {row!r}, expected a row .* 0 to 4"):
+            rotavg.positions(graph, R, fixed={row: [0, 0, 0]})  # type: ignore[dict-item]
+    with pytest.raises(GraphError, match=r"position of row 1 is \[0.0, nan, 0.0\], expected"):
+        rotavg.positions(graph, R, fixed={1: [0, np.nan, 0]})
     with pytest.raises(GraphError, match="there are 1 translations, expected"):
         rotavg.MeasurementGraph(
             graph.edges, graph.rotations, translations=rotavg.RelativeTranslations([[0, 0, 0]])

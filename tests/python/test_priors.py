@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import rotavg
-from rotavg import Priors
+from rotavg import Priors, _core
 from rotavg.conventions import matrices_from_rotvecs
 from rotavg.io import write_gravity
 
@@ -245,6 +245,25 @@ def test_gravity_and_robust_losses() -> None:
     assert np.array_equal(solution.edge_verdicts, plain.edge_verdicts)
     error = rotavg.compare(solution.rotations, simulation.ground_truth).rms
     assert error < 0.9 * rotavg.compare(plain.rotations, simulation.ground_truth).rms
+
+
+def test_what_is_stopped_is_certified_in_the_time_that_is_left(
+    simulation: rotavg.Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solve, limits = _core.solve, []
+
+    def spied(*args: Any, **options: Any) -> Any:
+        limits.append(options["time_limit"])
+        return solve(*args, **options)
+
+    monkeypatch.setattr(_core, "solve", spied)
+    priors = Priors(absolute={7: (np.eye(3), 1.0)})
+    stopped = rotavg.solve(
+        simulation.graph, priors=priors, time_limit=100, callback=lambda progress: False
+    )
+    assert stopped.status is rotavg.Status.STOPPED
+    assert limits[0] == 100
+    assert limits[1] < 100
 
 
 def test_no_priors_change_nothing(simulation: rotavg.Simulation) -> None:

@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 import rotavg
-from report_graphs import NASTY, doubted, large, named, posed
+from report_graphs import NASTY, doubted, in_two_parts, large, named, posed
 from rotavg import report
 from rotavg.report import tables
 from rotavg.report.style import VERDICTS
@@ -97,6 +97,39 @@ def test_the_tables_tell_the_worst_edges_and_the_components() -> None:
     only = solution.graph.subgraph(graph.nodes[solution.component == 1])
     assert rows[1][3] == pytest.approx(rotavg.solve(only).objective, rel=1e-6)
     assert rows[1][5] == pytest.approx(degrees[solution.component[graph.indices[:, 0]] == 1].max())
+
+
+def test_with_priors_the_page_speaks_of_their_world() -> None:
+    eye = np.eye(3)
+    priors = rotavg.Priors(
+        fixed={3: eye, 4: eye},
+        absolute={0: (eye[[1, 2, 0]], 2.0)},
+        gravity={k: ([0, 1, 1], 3.0) for k in (4, 6)},
+    )
+    solution = rotavg.solve(in_two_parts(), priors=priors)
+    table = tables.components(solution)
+    assert "Component 1 is in the world of the priors. In each other, the first" in table.caption
+    assert float(table.rows[0][3]) > 1
+    assert sum(float(row[3]) for row in table.rows) == pytest.approx(solution.objective, rel=1e-12)
+    said = " ".join(Text(report.html(solution)).of("p"))
+    assert "points in the world of the priors (components that they do not hold in their" in said
+    assert "the frame of the first node" not in said
+
+
+@pytest.mark.parametrize("loss", ["l2", "cauchy"])
+def test_with_covariances_the_page_speaks_of_what_was_minimised(loss: Any) -> None:
+    solution = rotavg.solve(in_two_parts(), anisotropic=True, loss=loss)
+    said = statement(solution)
+    assert (said.level, "local minimum" in said.headline) == ("open", True)
+    assert "there is no certificate" in said.details[0]
+    assert "proved globally optimal" in said.details[1]
+    assert ("final weights" in said.details[1]) == (loss == "cauchy")
+    assert "asked for" not in " ".join(said.details)
+    rows = tables.components(solution).rows
+    assert sum(float(row[3]) for row in rows) == pytest.approx(solution.objective, rel=1e-9)
+    early = rotavg.solve(in_two_parts(), anisotropic=True, max_iterations=0, certify=False)
+    assert statement(early).level == "failed"
+    assert len(statement(early).details) == 1
 
 
 @pytest.fixture(scope="module")

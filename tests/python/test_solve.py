@@ -289,6 +289,11 @@ def test_the_paper_rule_stops_earlier_on_a_badly_conditioned_graph() -> None:
         ({"init": "magic"}, "unknown init 'magic'"),
         ({"stop": "never"}, "unknown stop 'never'"),
         ({"mu": "large"}, "unknown mu 'large'"),
+        ({"method": None}, "method is None; expected a word"),
+        ({"loss": None}, "loss is None; expected a word"),
+        ({"stop": 1}, "stop is 1; expected a word"),
+        ({"mu": 0.5}, "mu is 0.5; expected a word"),
+        ({"callback": 3}, "callback is 3; expected a function or None"),
         ({"tolerance": -1.0}, "tolerance is -1.0"),
         ({"tolerance": float("nan")}, "tolerance is nan"),
         ({"max_iterations": 2.5}, "max_iterations is 2.5"),
@@ -371,6 +376,8 @@ def test_a_rotation_is_found_by_the_id_of_its_node() -> None:
     np.testing.assert_allclose(solution["c"] @ graph.rotations[1], solution["a"], atol=1e-12)
     with pytest.raises(rotavg.GraphError, match="node 'd' is not in the graph"):
         solution["d"]
+    with pytest.raises(rotavg.GraphError, match=r"node \['a'\] is not in the graph"):
+        solution[["a"]]  # type: ignore[index]
 
 
 def test_what_is_no_graph_is_refused(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import rotavg
+from rotavg import _core
 from rotavg.conventions import matrices_from_rotvecs
 
 RING = [(k, (k + 1) % 6) for k in range(6)] + [(0, 3), (1, 4), (1, 5)]
@@ -131,6 +132,16 @@ def test_bad_requests_say_what_is_wrong() -> None:
         solution.covariances(frame="body")  # type: ignore[arg-type]
     alone = solution.covariances(noise_variance=2)
     assert [bool(block.any()) for block in alone] == [False, True, False, True, False]
+
+
+def test_a_factor_that_does_not_fit_in_memory_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise _core.TooLarge("the factor takes 1e20 bytes")
+
+    solution = rotavg.solve(rotavg.simulate("complete", 5, noise=0.1).graph)
+    monkeypatch.setattr(_core, "covariances", refuse)
+    with pytest.raises(rotavg.SolverError, match="takes 1e20 bytes"):
+        solution.covariances()
 
 
 def test_a_saddle_has_no_covariances() -> None:

@@ -103,7 +103,7 @@ def check_quaternions(path: Path, table: NDArray[np.float64], lines: Sequence[in
 def distinct(path: Path, ids: IdArray | Sequence[int], lines: Sequence[int] = ()) -> IdArray:
     """The ids (n,) of nodes; FormatError if they are none, or one comes twice."""
     seen: dict[object, int] = {}
-    for node, line in zip(np.asarray(ids).tolist(), lines):
+    for node, line in zip(np.ravel(ids).tolist(), lines):
         if node in seen:
             found = f"node {node!r} is listed more than once, before in line {seen[node]}"
             raise FormatError(found, path=path, line=line)

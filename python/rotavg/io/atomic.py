@@ -6,7 +6,7 @@ import os
 import secrets
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rotavg.errors import FileAccessError
@@ -31,19 +31,17 @@ def write_files(files: Mapping[Path, bytes]) -> None:
             if path.exists() and not path.is_file():
                 path.write_bytes(data)  # a directory fails here, too
                 continue
-            target = Path(os.path.realpath(path))  # a link stays a link
-            temporary[target] = _beside(target, data)
-        for target, ready in temporary.items():
-            ready.replace(target)
+            temporary[path] = _beside(_target(path), data)
+        for path, ready in temporary.items():
+            ready.replace(_target(path))
         made.clear()
     except OSError as error:
         reason = error.strerror or str(error)
         raise FileAccessError(f"cannot be written: {reason}", path=path) from error
     finally:
-        for ready in temporary.values():
-            ready.unlink(missing_ok=True)
-        for folder in made:
-            folder.rmdir()
+        for undo in [*(ready.unlink for ready in temporary.values()), *(f.rmdir for f in made)]:
+            with suppress(OSError):  # the error to tell is the first
+                undo()
 
 
 @contextmanager
@@ -80,6 +78,10 @@ def check_writable(path: Path) -> None:
     else:
         return
     raise FileAccessError(f"cannot be written: {reason}", path=path)
+
+
+def _target(path: Path) -> Path:
+    return Path(os.path.realpath(path))  # a link stays a link
 
 
 def _beside(target: Path, data: bytes) -> Path:

@@ -98,12 +98,15 @@ def write(
         format: the name of a format (docs/formats.md), whatever the file's name.
 
     Warns:
-        IncompleteWarning: SciPy is missing, so that translations stay as they were; or the format
-            has no place for weights that are not all equal.
+        IncompleteWarning: SciPy is missing, so that the translations in a pose graph's file stay
+            as they were; or the format has no place for weights that are not all equal.
 
     Raises:
         FileAccessError: the file cannot be written; what was there before is untouched.
         FormatError: unknown format, or one that cannot hold this (say, names as ids in g2o).
+        MissingExtraError: SciPy is missing, and the format (tum, colmap_images) has no other
+            positions than those that are solved for.
+        SolverError: the positions cannot be solved for.
     """
     if not isinstance(graph_or_solution, (MeasurementGraph, SolutionLike)):
         found = type(graph_or_solution).__name__

@@ -95,7 +95,11 @@ def _weights(file: Path, edges: IdArray) -> tuple[NDArray[np.float64] | None, tu
     except OSError as error:
         reason = error.strerror or str(error)
         raise FileAccessError(f"cannot be read: {reason}", path=file) from error
-    names, table, _ = _pairs(file, data, 1, "expected NAME1 NAME2 weight")
+    names, table, lines = _pairs(file, data, 1, "expected NAME1 NAME2 weight")
+    for line, weight in zip(lines, table[:, 0].tolist()):
+        if not 1e-100 <= weight <= 1e100:
+            message = f"found the weight {weight:g}, expected one from 1e-100 to 1e100"
+            raise FormatError(message, path=file, line=line)
     known: dict[frozenset[str], float] = {}
     fields = [name.decode(errors="replace") for name in names]
     for i, j, weight in zip(fields[::2], fields[1::2], table[:, 0].tolist()):

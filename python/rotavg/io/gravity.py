@@ -46,6 +46,8 @@ def read_gravity(path: str | os.PathLike[str]) -> tuple[list[str], NDArray[np.fl
         names.append(fields[0].decode(errors="replace"))
         rows.append(fields[1])
         lines.append(line)
+    if not lines:
+        raise FormatError("the file has no directions, expected NAME gx gy gz", path=path)
     vectors = number_table(path, rows, lines, 3)
     check_finite(path, vectors, lines)
     return names, vectors

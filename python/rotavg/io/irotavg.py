@@ -12,6 +12,7 @@ There is no place for weights.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ from rotavg.io.lines import check_finite, content_lines, exactly, number_table, 
 from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
 
 _ROTATION = ("qw", "qx", "qy", "qz")
+_ID = re.compile(rb"-?[0-9]{1,20}")
 
 
 def read_irotavg(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
@@ -48,7 +50,7 @@ def read_irotavg(path: Path, data: bytes, options: ReadOptions) -> MeasurementGr
             further += 1
             continue
         fields = text.split(None, 2)
-        if len(fields) < 3 or not all(field.lstrip(b"-").isdigit() for field in fields[:2]):
+        if len(fields) < 3 or not all(map(_ID.fullmatch, fields[:2])):
             found = f"found {shown(text.strip())}"
             raise FormatError(f"{found}, expected i j qw qx qy qz", path=path, line=line)
         ids += map(int, fields[:2])

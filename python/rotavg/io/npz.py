@@ -128,13 +128,17 @@ def _of_nodes(path: Path, nodes: IdArray, name: str, values: Any) -> NDArray[np.
 
 def _arrays(path: Path, data: bytes) -> dict[str, Any]:
     """All arrays by name; FormatError if this is no archive."""
+    if not _is_archive(data):  # NumPy would read a single array, and offer to unpickle the rest
+        raise FormatError("found no npz archive, expected one as numpy.savez makes it", path=path)
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise ValueError("it holds a single array")
             return {name: archive[name] for name in archive.files}
     except _UNREADABLE as error:
         raise FormatError(f"found no readable npz archive: {error}", path=path) from error
+
+
+def _is_archive(head: bytes) -> bool:
+    return head.startswith((b"PK\x03\x04", b"PK\x05\x06"))  # the latter without arrays
 
 
 def write_npz(path: Path, item: Writable) -> bytes:
@@ -184,14 +188,9 @@ def _figure(solution: Any, name: str) -> Any:
 NPZ = Format(
     name="npz",
     suffixes=(".npz",),
-    recognises=lambda head: head.startswith(b"PK\x03\x04"),
+    recognises=_is_archive,
     read=read_npz,
     write=write_npz,
     any_convention=True,
-    rotations=RotationReader(
-        (),
-        read_npz_rotations,
-        recognises=lambda head: head.startswith(b"PK\x03\x04"),
-        suffixes=(".npz",),
-    ),
+    rotations=RotationReader((), read_npz_rotations, _is_archive, (".npz",)),
 )

@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 from rotavg.errors import FileAccessError, FormatError
 from rotavg.graph import MeasurementGraph
 from rotavg.ids import IdArray
-from rotavg.io.lines import check_finite, content_lines, exactly, number_table, plain_name, shown
+from rotavg.io.lines import (
+    BYTE_ORDER_MARK,
+    check_finite,
+    content_lines,
+    exactly,
+    number_table,
+    plain_name,
+    shown,
+)
 from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
 
 _EXPECTED = "expected i j, 9 numbers of R, 3 of t"
@@ -40,6 +48,8 @@ def read_onedsfm(path: Path, data: bytes, options: ReadOptions) -> MeasurementGr
             raise FormatError(f"the line is truncated, {_EXPECTED}", path=path, line=line)
         rows.append(fields[2])
         lines.append(line)
+    if not lines:
+        raise FormatError(f"the file has no edges, {_EXPECTED}", path=path)
     table = number_table(path, rows, lines, 12)
     check_finite(path, table, lines)
     edges = np.array(ids, dtype=object).reshape(-1, 2)
@@ -73,11 +83,11 @@ def write_onedsfm(path: Path, item: Writable) -> dict[Path, bytes]:
     return {file: "\n".join([*content, ""]).encode() for file, content in files.items()}
 
 
-def _beside(path: Path, name: str) -> list[tuple[int, bytes]] | None:
-    """(line number, content) of a file beside EGs.txt; None if it is not there."""
+def _beside(path: Path, name: str) -> bytes | None:
+    """The content of a file beside EGs.txt; None if it is not there."""
     file = path.with_name(name)
     try:
-        return list(content_lines(file, file.read_bytes())) if file.exists() else None
+        return file.read_bytes() if file.exists() else None
     except OSError as error:
         reason = error.strerror or str(error)
         raise FileAccessError(f"cannot be read: {reason}", path=file) from error
@@ -85,12 +95,12 @@ def _beside(path: Path, name: str) -> list[tuple[int, bytes]] | None:
 
 def _component(path: Path, edges: IdArray) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
     """Which edges (m,) cc.txt keeps, and a note if some go."""
-    lines = _beside(path, "cc.txt")
+    data = _beside(path, "cc.txt")
     kept = np.ones(len(edges), dtype=np.bool_)
-    if lines is None:
+    if data is None:
         return kept, ()
     component = set()
-    for line, text in lines:
+    for line, text in content_lines(path.with_name("cc.txt"), data):
         try:
             component.add(int(text))
         except ValueError:
@@ -104,10 +114,14 @@ def _component(path: Path, edges: IdArray) -> tuple[NDArray[np.bool_], tuple[str
 
 
 def _named(path: Path, edges: IdArray) -> IdArray:
-    lines = _beside(path, "list.txt")
-    if lines is None:
+    """The edges with the names in list.txt, whose lines are numbered by the ids, for ids."""
+    data = _beside(path, "list.txt")
+    if data is None:
         return edges
-    names = [text.split()[0].decode(errors="replace") for _, text in lines]
+    file = path.with_name("list.txt")
+    next(content_lines(file, data), None)  # refuses what is binary
+    rows = [line.split() for line in data.removeprefix(BYTE_ORDER_MARK).rstrip().splitlines()]
+    names = [row[0].decode(errors="replace") if row else "" for row in rows]
     low, high = edges.min(), edges.max()
     if low < 0 or high >= len(names):
         found = f"found the node {low if low < 0 else high}"
@@ -115,7 +129,12 @@ def _named(path: Path, edges: IdArray) -> IdArray:
             f"{found}, expected ids 0 to {len(names) - 1}: list.txt has {len(names)} images",
             path=path,
         )
-    if len(set(names)) < len(names):
+    for k in edges.ravel().tolist():
+        if not names[k]:
+            found = f"found a blank line, expected the name of node {k}"
+            raise FormatError(found, path=file, line=k + 1)
+    given = [name for name in names if name]
+    if len(set(given)) < len(given):
         return edges
     return np.array(names)[edges.astype(np.int64)]
 

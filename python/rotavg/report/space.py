@@ -91,9 +91,12 @@ def _draw_sphere(figure: Any, solution: Solution) -> str:
     lines = np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in rings])
     _draw_segments(figure, lines, {"color": MUTED, "width": 1})
     _draw_nodes(figure, solution, solution.rotations[:, :, 2])
-    gauge = "" if solution.num_components == 1 else " (every component in its own gauge)"
+    frame, gauge = "frame of the first node", "every component in its own gauge"
+    if solution.grounded is not None:
+        frame, gauge = "world of the priors", "components that they do not hold in their own gauge"
+    gauge = f" ({gauge})" if solution.num_components > 1 else ""
     return (
-        f"Every dot is a node: where its z axis points in the frame of the first node{gauge}, "
+        f"Every dot is a node: where its z axis points in the {frame}{gauge}, "
         "coloured by the mean residual of its edges. The input has no positions; turns about the "
         "z axis do not show." + _nodes_left_out(solution)
     )

@@ -9,6 +9,9 @@ from typing import Union
 import numpy as np
 from numpy.typing import NDArray
 
+from rotavg.anisotropic import information
+from rotavg.arrays import rows_by_label
+from rotavg.conventions import quaternions_from_matrices
 from rotavg.report.verdict import is_reweighted
 from rotavg.solution import Solution
 
@@ -83,16 +86,17 @@ def components(solution: Solution, limit: int = 100) -> Table:
     count = solution.num_components
     of_edge = label[graph.indices[:, 0]]
     nodes, edges = np.bincount(label, minlength=count), np.bincount(of_edge, minlength=count)
-    angles = solution.residual_angles
-    # |R_i R_ij - R_j|_F^2 = 8 sin^2(angle / 2)
-    objective = np.bincount(of_edge, 8 * solution.edge_weights * np.sin(angles / 2) ** 2, count)
-    degrees = np.degrees(angles)
+    objective = np.bincount(of_edge, _costs(solution), count)
+    gauge = "In each, the first node has the identity."
+    if solution.grounded is not None:
+        objective += np.bincount(label, solution.grounded.prior_costs(solution.rotations), count)
+        gauge = "Component 1 is in the world of the priors. " + gauge.replace("each", "each other")
+    degrees = np.degrees(solution.residual_angles)
     first = np.unique(label, return_index=True)[1]
-    by_label = np.argsort(of_edge, kind="stable")
-    ends = np.concatenate([[0], np.cumsum(edges)])
+    edges_of = rows_by_label(of_edge, count)
     rows = []
     for k in np.argsort(-nodes, kind="stable")[:limit].tolist():
-        own = degrees[by_label[ends[k] : ends[k + 1]]]
+        own = degrees[edges_of[k]]
         residuals: list[Cell] = ["", ""]
         if len(own) > 0:
             residuals = [float(np.median(own)), float(own.max())]
@@ -100,10 +104,25 @@ def components(solution: Solution, limit: int = 100) -> Table:
         rows.append([*row, str(graph.nodes[first[k]].item())])
     shown = f"All {count}" if count <= limit else f"The {limit} largest of {count}"
     return Table(
-        f"{shown} components. In each, the first node has the identity.",
+        f"{shown} components. {gauge}",
         [
             "component", "nodes", "edges", "objective", "median residual [deg]",
             "largest residual [deg]", "first node",
         ],
         rows,
     )  # fmt: skip
+
+
+def _costs(solution: Solution) -> NDArray[np.float64]:
+    """(m,) what every edge adds to the objective."""
+    graph, angles = solution.graph, solution.residual_angles
+    if solution.isotropic is None:
+        # |R_i R_ij - R_j|_F^2 = 8 sin^2(angle / 2)
+        return np.asarray(8 * solution.edge_weights * np.sin(angles / 2) ** 2)
+    assert graph.covariances is not None
+    omega = information(graph.covariances, solution.edge_weights / graph.weights)
+    R, (i, j) = solution.rotations, graph.indices.T
+    q = quaternions_from_matrices(np.swapaxes(R[i] @ graph.rotations, 1, 2) @ R[j])
+    # The quaternion's vector is sin(angle / 2) along the axis, r is the angle.
+    r = 2 * q[:, :3] / np.sinc(angles / (2 * np.pi))[:, None]
+    return np.asarray(np.einsum("ma,mab,mb->m", r, omega, r))

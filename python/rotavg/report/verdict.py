@@ -60,10 +60,27 @@ def statement(solution: Solution) -> Statement:
 
 
 def _without_certificate(solution: Solution) -> Statement:
+    if solution.isotropic is not None:
+        return _refined(solution, solution.isotropic.certificate)
     details = ("No certificate was asked for: how far this is from the optimum is not known.",)
     if solution.status.converged:
         return Statement("open", "Converged to a stationary point; optimality unknown.", details)
     return Statement("failed", f"Not solved: {solution.status}.", details)
+
+
+def _refined(solution: Solution, start: Certificate | None) -> Statement:
+    details = [
+        "Where the noise differs between the axes there is no certificate: how far this is from "
+        "the optimum is not known."
+    ]
+    if start is not None:
+        held = ", for the final weights of the edges" if is_reweighted(solution) else ""
+        sentence = f"{start.verdict.sentence}{held}"
+        details.append(f"It started from the answer with one weight for each edge: {sentence}.")
+    if solution.status.converged:
+        headline = "Converged to a local minimum; global optimality unknown."
+        return Statement("open", headline, tuple(details))
+    return Statement("failed", f"Not solved: {solution.status}.", tuple(details))
 
 
 def _not_certified(solution: Solution, certificate: Certificate) -> Statement:

@@ -158,8 +158,7 @@ inline IterationResult refine_anisotropic(const MeasurementGraph& graph,
         break;
       }
     }
-    step = settled ? 0.0
-                                  : t * std::sqrt(2.0 / 3.0 * w.squaredNorm() / graph.num_nodes());
+    step = settled ? 0.0 : t * std::sqrt(2.0 / 3.0 * w.squaredNorm() / graph.num_nodes());
   }
   fix_gauge(components, R);
   return std::move(monitor).result(std::move(R));
