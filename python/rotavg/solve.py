@@ -129,8 +129,6 @@ def solve(
         origin = "solution"
     elif not isinstance(init, str):
         start, origin = _node_rotations(graph, init, "init"), "given"
-    if callback is not None and not callable(callback):
-        raise OptionError(f"callback is {callback!r}; expected a function or None")
     settings: dict[str, Any] = {
         "method": _word("method", method),
         "init": init if isinstance(init, str) else "auto",
@@ -146,7 +144,7 @@ def solve(
         "num_threads": _num_threads(num_threads),
         "certify": bool(certify),
         "certificate_tolerance": _nonnegative("certificate_tolerance", certificate_tolerance),
-        "callback": callback,
+        "callback": _callback(callback),
         "loss": _word("loss", loss),
         "loss_scale": _angle("loss_scale", loss_scale, "auto"),
         "cycle_threshold": _angle("cycle_threshold", cycle_threshold, None),
@@ -287,8 +285,13 @@ def _time_limit(value: float | None) -> float:
     return math.inf if value is None else _nonnegative("time_limit", value)
 
 
-def _word(name: str, value: str) -> str:
-    """Any: the core knows which there are."""
+def _callback(value: Callback | None) -> Callback | None:
+    if not (value is None or callable(value)):
+        raise OptionError(f"callback is {value!r}; expected a function or None")
+    return value
+
+
+def _word(name: str, value: str) -> str:  # any: the core knows which there are
     if not isinstance(value, str):
         raise OptionError(f"{name} is {value!r}; expected a word (str)")
     return value

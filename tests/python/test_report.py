@@ -112,6 +112,7 @@ def test_with_priors_the_page_speaks_of_their_world() -> None:
     assert float(table.rows[0][3]) > 1
     assert sum(float(row[3]) for row in table.rows) == pytest.approx(solution.objective, rel=1e-12)
     said = " ".join(Text(report.html(solution)).of("p"))
+    assert "no other rotations fit these measurements and priors better." in said
     assert "points in the world of the priors (components that they do not hold in their" in said
     assert "the frame of the first node" not in said
 

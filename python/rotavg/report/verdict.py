@@ -39,11 +39,12 @@ def statement(solution: Solution) -> Statement:
     if certificate is None:
         return _without_certificate(solution)
     held = ", for the final weights of the edges" if is_reweighted(solution) else ""
+    priors = "" if solution.grounded is None else " and priors"
     if certificate.verdict == Verdict.PROVED:
         how = _PROOFS.get(certificate.method, certificate.method)
         return Statement(
             "proved",
-            f"Proved{held}: no other rotations fit these measurements better.",
+            f"Proved{held}: no other rotations fit these measurements{priors} better.",
             (
                 f"{_gap(certificate)}, by {how}, with rounding accounted for.",
                 *_reservations(solution),
