@@ -28,13 +28,17 @@ inline Eigen::MatrixXd combinations(const Eigen::MatrixXd& A, const Eigen::Matri
 }
 
 /// C += s A B, on this thread alone and in an order that depends on nothing else: Eigen takes no
-/// further threads for four columns.
+/// further threads for targets that are known to have 32 rows at most.
+/// @param c column-major, in memory
 template <typename A, typename B, typename C>
 void add_product(double s, const A& a, const B& b, C&& c) {
-  constexpr Eigen::Index together = 4;
-  for (Eigen::Index j = 0; j < b.cols(); j += together) {
-    const Eigen::Index columns = std::min(together, b.cols() - j);
-    c.middleCols(j, columns).noalias() += s * (a * b.middleCols(j, columns));
+  constexpr int most = 32;
+  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, most, Eigen::Dynamic>;
+  for (Eigen::Index r = 0; r < a.rows(); r += most) {
+    const Eigen::Index rows = std::min<Eigen::Index>(most, a.rows() - r);
+    Eigen::Map<Rows, 0, Eigen::OuterStride<>> target(c.data() + r, rows, c.cols(),
+                                                     Eigen::OuterStride<>(c.outerStride()));
+    target.noalias() += s * (a.middleRows(r, rows) * b);
   }
 }
 

@@ -116,7 +116,12 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   };
   IterationResult result = dense ? sum(graph, R, watched) : bcd(graph, R, watched);
   if (result.status != Status::stopped || !slow) {
-    line(name, ": average degree ", degree, ", ", result.iterations, " sweeps did");
+    if (result.iterations == 0 && is_converged(result.status)) {
+      line("the start was stationary");
+    } else {
+      line(name, ": average degree ", degree, ", ", result.iterations, " sweeps",
+           is_converged(result.status) ? " did" : "");
+    }
     return result;
   }
   const IterationOptions rest = remaining(options, result);
