@@ -153,6 +153,23 @@ def test_bad_options_are_refused() -> None:
         rotavg.cycle_evidence(graph, np.nan)
 
 
+@pytest.mark.parametrize("seed", (1, 3))
+def test_six_right_edges_of_twenty_at_a_node_are_enough(seed: int) -> None:
+    # Reweighting alone from least squares ends 20 and 60 degrees off.
+    simulation = rotavg.simulate(
+        "erdos_renyi", 2000, density=20 / 1999, noise=np.radians(5), outliers=0.7, seed=seed
+    )
+    solution = rotavg.solve(simulation.graph, loss="auto", certify=False)
+    best = rotavg.solve(
+        simulation.graph, loss="auto", certify=False, init=simulation.ground_truth
+    )
+    assert mean_error(solution, simulation.ground_truth) < 1.1 * mean_error(
+        best, simulation.ground_truth
+    )
+    assert solution.robust is not None
+    assert solution.robust.noise == pytest.approx(np.radians(5), rel=0.3)
+
+
 def test_limits_are_told() -> None:
     graph = photographs().graph
     stopped = rotavg.solve(graph, loss="auto", callback=lambda p: p.iteration < 5)

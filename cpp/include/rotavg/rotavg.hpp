@@ -25,6 +25,7 @@
 #include <rotavg/problem/laplacian_metric.hpp>
 #include <rotavg/problem/lifted.hpp>
 #include <rotavg/problem/objective.hpp>
+#include <rotavg/robust/consensus.hpp>
 #include <rotavg/robust/cycles.hpp>
 #include <rotavg/robust/gnc.hpp>
 #include <rotavg/robust/inner.hpp>
