@@ -32,11 +32,13 @@
 #include <rotavg/robust/irls.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/residuals.hpp>
+#include <rotavg/robust/reweighted_sweep.hpp>
 #include <rotavg/robust/run.hpp>
 #include <rotavg/robust/scale.hpp>
 #include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/robust/verdicts.hpp>
 #include <rotavg/robust/votes.hpp>
+#include <rotavg/so3/lanes.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/loso.hpp>
 #include <rotavg/so3/nearest.hpp>

@@ -105,7 +105,7 @@ inline RobustSolution solve_robust(const MeasurementGraph& graph, const SolveOpt
                                    const RobustOptions& robust = {},
                                    std::optional<Rotations> start = std::nullopt) {
   constexpr double l1_scale = 0.01, outlier_noises = 3.0;
-  constexpr double l1_gain = 1e-4, loss_gain = 1e-6;
+  constexpr double l1_gain = 1e-4, loss_gain = 1e-5;
   constexpr int l1_limit = 60, loss_limit = 500;
   if (!(robust.scale >= 0.0) || !(robust.cycle_threshold >= 0.0)) {
     throw std::invalid_argument("a scale or threshold is negative or not a number");
@@ -147,6 +147,7 @@ inline RobustSolution solve_robust(const MeasurementGraph& graph, const SolveOpt
   const double reweighting_seconds = run.seconds() - prepared;
 
   // 5.
+  run.hold_weights(reweighted.rotations, loss);
   Status early = run.ended();
   if (go_on() && reweighted.status == Status::iteration_limit) early = Status::iteration_limit;
   static_cast<Solution&>(solution) =
