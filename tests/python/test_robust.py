@@ -168,6 +168,17 @@ def test_six_right_edges_of_twenty_at_a_node_are_enough(seed: int) -> None:
     assert solution.robust.noise == pytest.approx(np.radians(5), rel=0.3)
 
 
+@pytest.mark.parametrize("loss", LOSSES)
+def test_every_loss_converges_where_the_data_hardly_agree(loss: str) -> None:
+    simulation = rotavg.simulate(
+        "erdos_renyi", 500, density=20 / 499, noise=0.035, outliers=0.7, outlier_clusters=10, seed=1
+    )
+    solution = rotavg.solve(simulation.graph, loss=loss, certify=False)  # type: ignore[arg-type]
+    assert solution.solved
+    assert len(solution.trace) < 200  # the limit is 500
+    assert np.degrees(mean_error(solution, simulation.ground_truth)) < 45
+
+
 def test_limits_are_told() -> None:
     graph = photographs().graph
     stopped = rotavg.solve(graph, loss="auto", callback=lambda p: p.iteration < 5)
