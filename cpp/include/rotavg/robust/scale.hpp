@@ -22,14 +22,14 @@ constexpr double least_noise = 1e-4;
 /// and as n rotations are fitted to the rest, it is scaled by the root of edges / (edges - nodes +
 /// components).
 ///
-/// Of many residuals some are taken, evenly spaced; the estimate is then good to two per cent.
+/// Of many residuals some are taken, evenly spaced; the estimate is then good to a per cent.
 ///
 /// @param x squared residuals
 /// @param num_cycles independent cycles of the graph, m - n + components
 inline double noise_scale(const std::vector<double>& x, Index num_cycles) {
   constexpr double rounding = 1e-24;
   constexpr double tenth_of_half_normal = 0.1257, median_below_three = 0.6724;
-  constexpr std::size_t enough = 5000;
+  constexpr std::size_t enough = 20000;
   const std::size_t stride = (x.size() + enough - 1) / enough;
   std::vector<double> r;
   for (std::size_t k = 0; k < x.size(); k += stride) {
