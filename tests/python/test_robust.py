@@ -153,7 +153,7 @@ def test_bad_options_are_refused() -> None:
         rotavg.cycle_evidence(graph, np.nan)
 
 
-@pytest.mark.parametrize("seed", (1, 3))
+@pytest.mark.parametrize("seed", [1, 3])
 def test_six_right_edges_of_twenty_at_a_node_are_enough(seed: int) -> None:
     # Reweighting alone from least squares ends 20 and 60 degrees off.
     simulation = rotavg.simulate(
