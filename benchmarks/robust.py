@@ -1,12 +1,14 @@
 """Robust losses and peers on simulated view graphs and on photographs with ground truth.
 
-    ./dev bench robust                         # all of the table, some minutes
-    ./dev bench robust --nodes 500 --no-peers  # a part of it
+    ./dev bench robust                         # all of the table, half an hour
+    ./dev bench robust --nodes 500 --no-peers  # a part of it, a minute
 
 Errors are angles to the ground truth after the common rotation with the least sum of angles, in
-degrees; times are seconds of CPU of the call that solves. The column "truth" is the default loss
-started from the ground truth: where it has a higher robust objective than the default's answer,
-the data themselves speak for the wrong answer (marked ^).
+degrees; times are seconds of CPU of the call that solves. The column "l2" is without certificate,
+and so without the other starts that a refuted answer leads to. The column "truth" is the default
+loss started from the ground truth: where it has a higher robust objective than the default's
+answer, the data themselves speak for the wrong answer (marked ^). Peers run in processes of their
+own, which are ended after --peer-limit seconds: "> 10 s".
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Callable
 
 import click
@@ -22,7 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rotavg
+from benchmarks.cases import shortest_path_start
+from benchmarks.check import write_check_problem
 from benchmarks.problem import Problem
+from benchmarks.runner import Limits, measure
+from benchmarks.solvers import SOLVERS
 
 LOSSES = ("l2", "huber", "l1", "l_half", "cauchy", "geman_mcclure", "tls", "auto")
 PEERS = ("pytheia", "pycolmap")
@@ -64,68 +71,72 @@ def photographs(folder: Path) -> Iterator[Case]:
 
 
 def run(name: str, graph: rotavg.MeasurementGraph, truth: Truth | None) -> dict[str, Any]:
-    """One solver on one graph: its figures, or why there are none."""
+    """A loss of this library on one graph: its figures, or why there are none."""
     try:
-        solve = peer(name, graph) if name in PEERS else ours(name, graph, truth)
-        start = time.process_time()
-        answer = solve()
-        seconds = time.process_time() - start
-        rotations, objective = answer()
-    except Exception as error:  # a peer's failure is a row of the table
-        return {"failure": f"{type(error).__name__}: {error}"}
-    figures: dict[str, Any] = {"seconds": seconds, "objective": objective}
+        solve = ours(name, graph, truth)
+    except ValueError as error:
+        return {"failure": str(error)}
+    start = time.process_time()
+    solution = solve()
+    seconds = time.process_time() - start
+    objective = None if solution.robust is None else solution.robust.objective
+    return {
+        "seconds": seconds,
+        "objective": objective,
+        **accuracy(solution.rotations, graph, truth),
+    }
+
+
+def run_peer(
+    name: str, graph: rotavg.MeasurementGraph, truth: Truth | None, limit: float
+) -> dict[str, Any]:
+    """The same for a peer, from the shortest paths, for so many seconds at most."""
+    solver = next(s for s in SOLVERS if s.name == name)
+    with TemporaryDirectory(prefix="rotavg-bench-") as folder:
+        problem, warm_up = Path(folder) / "problem.npz", Path(folder) / "check.npz"
+        Problem(graph.indices, graph.rotations, graph.weights, shortest_path_start(graph)).save(
+            problem
+        )
+        write_check_problem(warm_up)
+        measured = measure(solver, problem, warm_up, Limits(timeout=limit))
+    if measured.outcome == "timeout":
+        return {"limit": limit, "failure": measured.message}
+    if measured.rotations is None:
+        return {"failure": f"{measured.outcome}: {measured.message}"}
+    return {"seconds": measured.cpu_s, **accuracy(measured.rotations, graph, truth)}
+
+
+def accuracy(
+    rotations: NDArray[np.float64], graph: rotavg.MeasurementGraph, truth: Truth | None
+) -> dict[str, float]:
+    """Share of the edges with a residual below 5 degrees, and errors where the truth is known."""
     i, j = graph.indices.T
     chord = np.linalg.norm(rotations[i] @ graph.rotations - rotations[j], axis=(1, 2)) / np.sqrt(2)
-    figures["below_5"] = float(np.mean(chord < 2 * np.sin(np.radians(2.5))))
+    figures = {"below_5": float(np.mean(chord < 2 * np.sin(np.radians(2.5))))}
     if truth is not None:
         error = rotavg.compare(rotations[truth[1]], truth[0][truth[1]])
         figures["mean"], figures["median"] = np.degrees([error.mean, error.median]).tolist()
     return figures
 
 
-Answer = Callable[[], tuple[NDArray[np.float64], Any]]
-
-
-def ours(name: str, graph: rotavg.MeasurementGraph, truth: Truth | None) -> Callable[[], Answer]:
-    """A loss of this library, certificate included; "truth" is auto started from the truth."""
+def ours(
+    name: str, graph: rotavg.MeasurementGraph, truth: Truth | None
+) -> Callable[[], rotavg.Solution]:
+    """A loss of this library, certificate included but for l2; "truth" is auto from the truth."""
     init: Any = "auto"
     if name == "truth":
         if truth is None or not truth[1].all():
             raise ValueError("no ground truth for every node")
         name, init = "auto", truth[0]
-
-    def solve() -> Answer:
-        solution = rotavg.solve(graph, loss=name, init=init, num_threads=1)  # type: ignore[arg-type]
-        robust = solution.robust
-        return lambda: (solution.rotations, None if robust is None else robust.objective)
-
-    return solve
-
-
-def peer(name: str, graph: rotavg.MeasurementGraph) -> Callable[[], Answer]:
-    """A peer behind the adapter of benchmarks/peers, from the shortest paths."""
-    start = rotavg.solve(graph, init="shortest_path", max_iterations=0, certify=False).rotations
-    problem = Problem(graph.indices, graph.rotations, graph.weights, start)
-    adapter: Any
-    if name == "pytheia":
-        from benchmarks.peers.theia import Theia
-
-        adapter = Theia(problem, "")
-    else:
-        from benchmarks.peers.colmap import Colmap
-
-        adapter = Colmap(problem, "")
-
-    def solve() -> Answer:
-        adapter.solve()
-        return lambda: (adapter.rotations(), None)
-
-    return solve
+    loss: Any = name
+    return lambda: rotavg.solve(graph, loss=loss, init=init, certify=name != "l2", num_threads=1)
 
 
 def cell(result: dict[str, Any], figure: str, digits: str = ".3g") -> str:
-    """A figure as text; a dash for none."""
-    return format(result[figure], digits) if figure in result else "-"
+    """A figure as text; a dash for none, the limit where it was met."""
+    if figure in result:
+        return format(result[figure], digits)
+    return f"> {result['limit']:g} s" if "limit" in result else "-"
 
 
 def error_row(results: dict[str, dict[str, Any]]) -> list[str]:
@@ -152,6 +163,9 @@ def print_table(header: list[str], rows: list[list[str]]) -> None:
 @click.option("--degree", type=int, multiple=True, default=(20, 100), show_default=True)
 @click.option("--noise", type=float, multiple=True, default=(2, 5), show_default=True)
 @click.option("--no-peers", is_flag=True, help="rotavg alone.")
+@click.option(
+    "--peer-limit", type=float, default=10.0, show_default=True, help="Seconds for a peer's run."
+)
 @click.option("--no-simulated", is_flag=True, help="Photographs alone.")
 @click.option("--data", type=click.Path(path_type=Path), help="Folder of the photographs' graphs.")
 @click.option("--output", type=click.Path(path_type=Path), default=Path("build/bench/robust.json"))
@@ -160,6 +174,7 @@ def main(
     degree: tuple[int, ...],
     noise: tuple[float, ...],
     no_peers: bool,
+    peer_limit: float,
     no_simulated: bool,
     data: Path | None,
     output: Path,
@@ -172,7 +187,12 @@ def main(
     output.parent.mkdir(parents=True, exist_ok=True)
     for name, graph, truth in [*real, *cases]:
         click.echo(name, err=True)
-        measured[name] = {solver: run(solver, graph, truth) for solver in names}
+        measured[name] = {
+            solver: run_peer(solver, graph, truth, peer_limit)
+            if solver in PEERS
+            else run(solver, graph, truth)
+            for solver in names
+        }
         output.write_text(json.dumps(measured, indent=1))
 
     if real:

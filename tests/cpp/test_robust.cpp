@@ -113,12 +113,10 @@ TEST_CASE("reweighting never lets the robust objective rise, with any inner solv
          {Loss::huber, Loss::l1, Loss::l_half, Loss::cauchy, Loss::geman_mcclure, Loss::tls}) {
       CAPTURE(static_cast<int>(method));
       CAPTURE(static_cast<int>(kind));
-      MeasurementGraph reweighted = graph;
       IterationOptions options;
       options.max_iterations = 30;
-      const IterationResult result =
-          irls(reweighted, weights_of(graph), random.rotations(60), {kind, 0.1},
-               inner_steps(reweighted, method, 1), 0.0, options);
+      const IterationResult result = irls(graph, random.rotations(60), {kind, 0.1},
+                                          inner_steps(graph, method, 1), 0.0, options);
       REQUIRE(result.trace.size() > 2);
       for (std::size_t k = 1; k < result.trace.size(); ++k) {
         const double before = result.trace[k - 1].objective;
@@ -126,6 +124,27 @@ TEST_CASE("reweighting never lets the robust objective rise, with any inner solv
       }
       CHECK(result.objective < result.trace.front().objective);
     }
+  }
+}
+
+TEST_CASE("a reweighted sweep sets the weights anew before every node") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph graph(
+      test::simulate(random, test::random_connected(random, 25, 60), 0.4));  // of all degrees
+  for (const Loss kind : {Loss::huber, Loss::l1, Loss::l_half, Loss::cauchy, Loss::tls}) {
+    CAPTURE(static_cast<int>(kind));
+    const RobustLoss loss{kind, 0.3};
+    const Rotations start = random.rotations(25);
+    const Monitor monitor(graph, start, {});
+    Quaternions q = to_quaternions(start), expected = q;
+    reweighted_sweep(graph, loss, q, monitor);
+    MeasurementGraph weighted = graph;
+    for (Index l = 0; l < 25; ++l) {
+      weighted.set_weights(robust_weights(graph, expected, loss, 1));
+      expected[l] = loso(davenport_matrix(weighted, expected, l), expected[l]);
+    }
+    for (Index l = 0; l < 25; ++l) CHECK(chordal_distance(q[l], expected[l]) < 1e-9);
   }
 }
 
@@ -143,10 +162,14 @@ TEST_CASE("a sweep of votes never lets the objective rise, and frees a node that
     return robust_objective(weights, x, loss, 1);
   };
   const double before = value();
-  CHECK(vote_sweep(graph, weights, loss, q) >= 10);
+  std::vector<bool> open(30, true);
+  CHECK(vote_sweep(graph, weights, loss, q, open) >= 10);
   CHECK(value() < before);
   CHECK(largest_error(to_rotations(q), truth) < 0.3);
-  while (vote_sweep(graph, weights, loss, q) > 0) CHECK(value() < before);
+  while (vote_sweep(graph, weights, loss, q, open) > 0) CHECK(value() < before);
+  // Nodes that are no longer open have nothing to gain.
+  open.assign(30, true);
+  CHECK(vote_sweep(graph, weights, loss, q, open) == 0);
 }
 
 TEST_CASE("solve_robust finds the truth behind wrong edges, names these, and proves the rest") {

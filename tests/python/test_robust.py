@@ -153,6 +153,32 @@ def test_bad_options_are_refused() -> None:
         rotavg.cycle_evidence(graph, np.nan)
 
 
+@pytest.mark.parametrize("seed", [1, 3])
+def test_six_right_edges_of_twenty_at_a_node_are_enough(seed: int) -> None:
+    # Reweighting alone from least squares ends 20 and 60 degrees off.
+    simulation = rotavg.simulate(
+        "erdos_renyi", 2000, density=20 / 1999, noise=np.radians(5), outliers=0.7, seed=seed
+    )
+    solution = rotavg.solve(simulation.graph, loss="auto", certify=False)
+    best = rotavg.solve(simulation.graph, loss="auto", certify=False, init=simulation.ground_truth)
+    assert mean_error(solution, simulation.ground_truth) < 1.25 * mean_error(
+        best, simulation.ground_truth
+    )
+    assert solution.robust is not None
+    assert solution.robust.noise == pytest.approx(np.radians(5), rel=0.3)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_every_loss_converges_where_the_data_hardly_agree(loss: str) -> None:
+    simulation = rotavg.simulate(
+        "erdos_renyi", 500, density=20 / 499, noise=0.035, outliers=0.7, outlier_clusters=10, seed=1
+    )
+    solution = rotavg.solve(simulation.graph, loss=loss, certify=False)  # type: ignore[arg-type]
+    assert solution.solved
+    assert len(solution.trace) < 200  # the limit is 500
+    assert np.degrees(mean_error(solution, simulation.ground_truth)) < 45
+
+
 def test_limits_are_told() -> None:
     graph = photographs().graph
     stopped = rotavg.solve(graph, loss="auto", callback=lambda p: p.iteration < 5)

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cmath>
-#include <cstring>
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
@@ -9,6 +8,7 @@
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/so3/lanes.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
@@ -19,12 +19,9 @@ namespace rotavg {
 class DavenportSum {
  public:
   /// Adds p p^T for p = q b.
-  EIGEN_STRONG_INLINE void add(const Quaternion& q, const WeightedQuaternion& b_xyzw) {
-    Lanes b;
-    std::memcpy(&b, b_xyzw.coeffs().data(), sizeof b);
-    const Lanes p = q.w() * b + q.x() * Lanes{1, -1, 1, -1} * Lanes{b[3], b[2], b[1], b[0]} +
-                    q.y() * Lanes{1, 1, -1, -1} * Lanes{b[2], b[3], b[0], b[1]} +
-                    q.z() * Lanes{-1, 1, 1, -1} * Lanes{b[1], b[0], b[3], b[2]};
+  EIGEN_STRONG_INLINE void add(const Quaternion& q, const WeightedQuaternion& b) {
+    Lanes p;
+    multiply(q, b, p);
     same_ += p * p;
     next_ += p * Lanes{p[1], p[2], p[3], p[0]};
     opposite_ += p * Lanes{p[2], p[3], p[0], p[1]};
@@ -39,7 +36,6 @@ class DavenportSum {
   }
 
  private:
-  using Lanes = double __attribute__((vector_size(4 * sizeof(double))));
   Lanes same_ = {}, next_ = {},
         opposite_ = {};  // products of x, y, z, w with x, y, z, w; y, z, w, x; …
 };

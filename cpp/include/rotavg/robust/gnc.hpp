@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/robust/inner.hpp>
 #include <rotavg/robust/irls.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/solve/automatic.hpp>
@@ -39,15 +40,15 @@ inline std::vector<RobustLoss> graduation(const RobustLoss& loss) {
 /// that are not bounded have no surrogates.
 ///
 /// @returns rotations from which irls() may go on, and how many reweightings were made
-inline IterationResult gnc(MeasurementGraph& graph, const std::vector<double>& weights,
-                           const Rotations& R, const RobustLoss& loss, const InnerSteps& inner,
+inline IterationResult gnc(const MeasurementGraph& graph, const Rotations& R,
+                           const RobustLoss& loss, const InnerSteps& inner,
                            const IterationOptions& options) {
   IterationResult result;
   result.rotations = R;
   for (const RobustLoss& surrogate : graduation(loss)) {
     IterationOptions rest = remaining(options, result);
     rest.max_iterations = std::min(rest.max_iterations, 2);
-    IterationResult next = irls(graph, weights, result.rotations, surrogate, inner, 0.0, rest);
+    IterationResult next = irls(graph, result.rotations, surrogate, inner, 0.0, rest);
     next.iterations += result.iterations;
     next.seconds += result.seconds;
     result = std::move(next);

@@ -1,67 +1,74 @@
 #pragma once
 
 #include <algorithm>
+#include <functional>
 #include <memory>
-#include <utility>
 #include <vector>
 
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/problem/laplacian_metric.hpp>
-#include <rotavg/robust/irls.hpp>
-#include <rotavg/solve/bcd.hpp>
+#include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/residuals.hpp>
+#include <rotavg/robust/reweighted_sweep.hpp>
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/solve/monitor.hpp>
 #include <rotavg/solve/newton.hpp>
 #include <rotavg/solve/options.hpp>
 #include <rotavg/solve/sum.hpp>
 
 namespace rotavg {
 
-/// The steps between two changes of the weights: few, since the weights are not final.
+/// A few steps that lower the robust objective, in place, of a graph with the given weights.
+using InnerSteps =
+    std::function<void(const MeasurementGraph&, const RobustLoss&, Quaternions&, const Monitor&)>;
+
+/// The steps of one reweighting: few, since the weights are not final.
 ///
-/// - bcd: two sweeps. sum: two steps.
-/// - newton: one step, which factors the weighted Laplacian anew in the old order of elimination.
-/// - automatic: newton on sparse graphs whose Laplacian factors quickly, after a sweep; else bcd.
-///
-/// @param graph whose weights will change; must outlive the result
+/// - bcd: two sweeps, whose weights are the newest at every node. sum: two steps.
+/// - newton: a sweep and one step, which factors the weighted Laplacian anew in the old order of
+///   elimination.
+/// - automatic: newton on sparse graphs whose Laplacian factors quickly; else bcd.
 inline InnerSteps inner_steps(const MeasurementGraph& graph, Method method, int num_threads) {
   constexpr double sparse_degree = 20.0;
   const double max_flops = std::max(2e8, 2e3 * graph.num_edges());  // some ten sweeps, or a moment
-  const auto sweeps = [](const MeasurementGraph& g, Quaternions& q, const Monitor& monitor) {
-    for (int k = 0; k < 2 && monitor.keep_going(); ++k) bcd_sweep(g, q, monitor);
+  const auto sweeps = [](const MeasurementGraph& g, const RobustLoss& loss, Quaternions& q,
+                         const Monitor& monitor) {
+    for (int k = 0; k < 2 && monitor.keep_going(); ++k) reweighted_sweep(g, loss, q, monitor);
   };
   if (method == Method::bcd) return sweeps;
-
-  IterationOptions options;
-  options.tolerance = 0.0;
-  options.num_threads = num_threads;
-  if (method == Method::sum) {
-    options.max_iterations = 2;
-    return [options](const MeasurementGraph& g, Quaternions& q, const Monitor& monitor) mutable {
-      options.keep_going = [&monitor] { return monitor.keep_going(); };
-      q = to_quaternions(sum(g, to_rotations(q), options).rotations);
-    };
-  }
+  const double degree = 2.0 * graph.num_edges() / std::max<Index>(graph.num_nodes(), 1);
+  if (method == Method::automatic && degree > sparse_degree) return sweeps;
 
   struct Workspace {
     explicit Workspace(const MeasurementGraph& g)
-        : components(connected_components(g)),
+        : weighted(g),
+          components(connected_components(g)),
           eliminations(grounded_eliminations(g, components)),
-          metric(g, eliminations) {}
+          metric(weighted, eliminations) {}
+    MeasurementGraph weighted;
     Components components;
     std::vector<Elimination> eliminations;
     LaplacianMetric metric;
   };
-  const double degree = 2.0 * graph.num_edges() / std::max<Index>(graph.num_nodes(), 1);
-  if (method == Method::automatic && degree > sparse_degree) return sweeps;
   const auto workspace = std::make_shared<Workspace>(graph);
   if (method == Method::automatic && workspace->metric.flops(max_flops) > max_flops) return sweeps;
-  options.max_iterations = 1;
-  return [options, workspace](const MeasurementGraph& g, Quaternions& q,
-                              const Monitor& monitor) mutable {
-    options.keep_going = [&monitor] { return monitor.keep_going(); };
-    bcd_sweep(g, q, monitor);
-    q = to_quaternions(newton(g, to_rotations(q), workspace->metric, options).rotations);
+  IterationOptions options;
+  options.tolerance = 0.0;
+  options.num_threads = num_threads;
+  options.max_iterations = method == Method::sum ? 2 : 1;
+  return [=](const MeasurementGraph& g, const RobustLoss& loss, Quaternions& q,
+             const Monitor& monitor) {
+    IterationOptions limits = options;
+    limits.keep_going = [&monitor] { return monitor.keep_going(); };
+    if (method != Method::sum) reweighted_sweep(g, loss, q, monitor);
+    MeasurementGraph& weighted = workspace->weighted;
+    weighted.set_weights(robust_weights(g, q, loss, num_threads));
+    const Rotations R = to_rotations(q);
+    q = to_quaternions(method == Method::sum
+                           ? sum(weighted, R, limits).rotations
+                           : newton(weighted, R, workspace->metric, limits).rotations);
   };
 }
 

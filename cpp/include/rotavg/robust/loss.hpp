@@ -41,7 +41,7 @@ struct RobustLoss {
   double mu = std::numeric_limits<double>::infinity();
 
   double rho(double x) const {
-    const double c2 = scale * scale, z = x / c2;
+    const double c2 = scale * scale, z = x * (1.0 / c2);
     switch (kind) {
       case Loss::huber:
         return x <= c2 ? x : 2.0 * scale * std::sqrt(x) - c2;
@@ -54,7 +54,7 @@ struct RobustLoss {
         return 4.0 * x / ((1.0 + root) * (1.0 + std::sqrt(root)));
       }
       case Loss::cauchy:
-        return c2 * std::log1p(z);
+        return c2 * (z < 0.01 ? std::log1p(z) : std::log(1.0 + z));  // log is the faster
       case Loss::geman_mcclure:
         return x / (1.0 + z);
       case Loss::tls: {
@@ -71,7 +71,7 @@ struct RobustLoss {
 
   /// d rho / d x, from 1 down to 0.
   double weight(double x) const {
-    const double z = x / (scale * scale);
+    const double z = x * (1.0 / (scale * scale));  // which a loop computes once
     switch (kind) {
       case Loss::huber:
         return z <= 1.0 ? 1.0 : 1.0 / std::sqrt(z);

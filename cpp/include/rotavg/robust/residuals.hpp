@@ -7,6 +7,7 @@
 
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/reduce.hpp>
+#include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/so3/quaternion.hpp>
@@ -16,6 +17,11 @@ namespace rotavg {
 /// The share of every weight that no robust loss takes away: an edge that it distrusts altogether
 /// keeps this much, so that a graph stays connected and the weighted problem well posed.
 constexpr double least_weight_share = 1e-6;
+
+/// What a loss leaves of a weight: (1 - s) d rho / d x + s, with s the least share.
+EIGEN_STRONG_INLINE double weight_share(const RobustLoss& loss, double x) {
+  return (1.0 - least_weight_share) * loss.weight(x) + least_weight_share;
+}
 
 /// The squared chords r^2 = 4 sin^2(angle / 2) of the residual angles (m,), 0 to 4, whatever the
 /// weights.
@@ -42,8 +48,7 @@ inline void robust_weights(const std::vector<double>& weights, const std::vector
                            const RobustLoss& loss, int num_threads, std::vector<double>& result) {
   result.resize(x.size());
   parallel_for(static_cast<Index>(x.size()), num_threads, [&](Index k) {
-    const double share = (1.0 - least_weight_share) * loss.weight(x[k]) + least_weight_share;
-    result[k] = std::max(min_weight, weights[k] * share);
+    result[k] = std::max(min_weight, weights[k] * weight_share(loss, x[k]));
   });
 }
 
@@ -53,5 +58,59 @@ inline std::vector<double> weights_of(const MeasurementGraph& graph) {
   for (const Edge& e : graph.edges()) weights.push_back(e.weight);
   return weights;
 }
+
+/// The same for the residuals of a graph with the given weights.
+inline std::vector<double> robust_weights(const MeasurementGraph& graph, const Quaternions& q,
+                                          const RobustLoss& loss, int num_threads) {
+  std::vector<double> x, result;
+  squared_residuals(ResidualQuaternions(graph, q, num_threads), x);
+  robust_weights(weights_of(graph), x, loss, num_threads, result);
+  return result;
+}
+
+/// The robust objective and its gradient, from one pass over the edges.
+class RobustResiduals {
+ public:
+  /// @param graph with the given weights; must outlive this object
+  RobustResiduals(const MeasurementGraph& graph, int num_threads)
+      : graph_(&graph), num_threads_(num_threads), pull_(graph.edges().size()) {}
+
+  /// Moves to other rotations, or another loss.
+  void update(const Quaternions& q, const RobustLoss& loss) {
+    objective_ = block_sum<double>(graph_->num_edges(), num_threads_, [&, loss](Index k) {
+      const Vector4 e = residual_quaternion(graph_->quaternion_edges()[k], q);
+      const double v2 = e.head<3>().squaredNorm(), weight = v2 + e.w() * e.w();
+      const double x = 4.0 * v2 / weight;
+      const double share = weight_share(loss, x);
+      pull_[k] << share * e.w() * e.head<3>(), share * weight;
+      return weight * ((1.0 - least_weight_share) * loss.rho(x) + least_weight_share * x);
+    });
+    objective_ *= 2.0;
+  }
+
+  double objective() const { return objective_; }
+
+  /// Of the weighted problem, and so of the robust one.
+  GradientNorm gradient_norm() const {
+    const auto sums = block_sum<GradientSums>(graph_->num_nodes(), num_threads_, [&](Index l) {
+      if (graph_->row(l).size() == 0) return GradientSums{};
+      Vector4 sum = Vector4::Zero();
+      for (const HalfEdge& h : graph_->row(l)) {
+        const Vector4& pull = pull_[h.edge()];
+        sum.head<3>() += (h.is_i() ? 1.0 : -1.0) * pull.head<3>();
+        sum.w() += pull.w();
+      }
+      const double square = 64.0 * sum.head<3>().squaredNorm();
+      return GradientSums{square, std::sqrt(square) / sum.w()};
+    });
+    return {std::sqrt(sums.squares), sums.largest};
+  }
+
+ private:
+  const MeasurementGraph* graph_;
+  int num_threads_;
+  std::vector<Vector4> pull_;  ///< (m,) an eighth of the gradient at i, and the weight
+  double objective_ = 0.0;
+};
 
 }  // namespace rotavg

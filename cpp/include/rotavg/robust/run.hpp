@@ -48,6 +48,13 @@ class RobustRun {
     graph_.set_weights(given_);
   }
 
+  /// Gives the edges of graph() the weights that a loss gives them at these rotations.
+  void hold_weights(const Rotations& R, const RobustLoss& loss) {
+    std::vector<double> weights;
+    robust_weights(given_, squared_residuals_at(R), loss, num_threads_, weights);
+    graph_.set_weights(weights);
+  }
+
   SolveOptions stage(int max_iterations) const {
     SolveOptions stage = options_;
     stage.iteration = remaining_limits();
@@ -71,13 +78,13 @@ class RobustRun {
                              int max_iterations) {
     IterationOptions iteration = stage(max_iterations).iteration;
     iteration.stop = StopRule::gradient;
-    IterationResult result = irls(graph_, given_, R, loss, inner_, least_gain, iteration);
+    IterationResult result = irls(graph_, R, loss, inner_, least_gain, iteration);
     took(result);
     return result;
   }
 
   Rotations graduated(const Rotations& R, const RobustLoss& loss) {
-    const IterationResult result = gnc(graph_, given_, R, loss, inner_, remaining_limits());
+    const IterationResult result = gnc(graph_, R, loss, inner_, remaining_limits());
     took(result);
     return result.rotations;
   }

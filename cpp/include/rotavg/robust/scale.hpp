@@ -22,15 +22,18 @@ constexpr double least_noise = 1e-4;
 /// and as n rotations are fitted to the rest, it is scaled by the root of edges / (edges - nodes +
 /// components).
 ///
+/// Of many residuals some are taken, evenly spaced; the estimate is then good to a per cent.
+///
 /// @param x squared residuals
 /// @param num_cycles independent cycles of the graph, m - n + components
 inline double noise_scale(const std::vector<double>& x, Index num_cycles) {
   constexpr double rounding = 1e-24;
   constexpr double tenth_of_half_normal = 0.1257, median_below_three = 0.6724;
+  constexpr std::size_t enough = 20000;
+  const std::size_t stride = (x.size() + enough - 1) / enough;
   std::vector<double> r;
-  r.reserve(x.size());
-  for (const double x_k : x) {
-    if (x_k > rounding) r.push_back(std::sqrt(x_k));
+  for (std::size_t k = 0; k < x.size(); k += stride) {
+    if (x[k] > rounding) r.push_back(std::sqrt(x[k]));
   }
   if (r.empty() || num_cycles <= 0) return least_noise;
   std::sort(r.begin(), r.end());
@@ -43,7 +46,7 @@ inline double noise_scale(const std::vector<double>& x, Index num_cycles) {
     s = next;
     if (same) break;
   }
-  const double freedom = static_cast<double>(num_cycles) / static_cast<double>(r.size());
+  const double freedom = static_cast<double>(num_cycles) / static_cast<double>(stride * r.size());
   return std::max(least_noise, s / std::sqrt(std::min(1.0, freedom)));
 }
 

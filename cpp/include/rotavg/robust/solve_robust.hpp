@@ -10,13 +10,12 @@
 
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/robust/consensus.hpp>
 #include <rotavg/robust/cycles.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/run.hpp>
-#include <rotavg/robust/scale.hpp>
 #include <rotavg/robust/verdicts.hpp>
-#include <rotavg/robust/votes.hpp>
 #include <rotavg/solve/solve.hpp>
 
 namespace rotavg {
@@ -90,9 +89,9 @@ inline std::string describe(const RobustLoss& loss, int l1_reweightings, Index m
 ///
 /// 1. Least squares, roughly, and from there the loss l1: robust and nearly convex, so that the
 ///    start matters little.
-/// 2. The noise is estimated from its residuals (noise_scale).
-/// 3. Nodes that a few wrong edges hold in the wrong place are moved to where most of their
-///    neighbours would have them (vote_sweep).
+/// 2. The noise is estimated from its residuals (noise_scale), and
+/// 3. nodes that a few wrong edges hold in the wrong place are moved to where most of their
+///    neighbours would have them, by find_consensus.
 /// 4. The loss, by reweighting; of a bounded one by graduated non-convexity first. The trace is
 ///    that of this stage, from where the loss is at its scale: its objective never rises.
 /// 5. The weights are held, and the weighted problem is solved and certified. What is proved is
@@ -105,8 +104,8 @@ inline std::string describe(const RobustLoss& loss, int l1_reweightings, Index m
 inline RobustSolution solve_robust(const MeasurementGraph& graph, const SolveOptions& options = {},
                                    const RobustOptions& robust = {},
                                    std::optional<Rotations> start = std::nullopt) {
-  constexpr double l1_scale = 0.01, max_noise = 0.5, outlier_noises = 3.0;
-  constexpr double l1_gain = 1e-4, loss_gain = 1e-6;
+  constexpr double l1_scale = 0.01, outlier_noises = 3.0;
+  constexpr double l1_gain = 1e-4, loss_gain = 1e-5;
   constexpr int l1_limit = 60, loss_limit = 500;
   if (!(robust.scale >= 0.0) || !(robust.cycle_threshold >= 0.0)) {
     throw std::invalid_argument("a scale or threshold is negative or not a number");
@@ -129,21 +128,14 @@ inline RobustSolution solve_robust(const MeasurementGraph& graph, const SolveOpt
       run.reweighted(R, {Loss::l1, l1_scale}, l1_gain, go_on() ? l1_limit : 0);
   R = l1.rotations;
 
-  // 2.
+  // 2. and 3.
   const Index num_cycles =
       graph.num_edges() - graph.num_nodes() + connected_components(graph).size();
-  const auto noise_at = [&](const Rotations& rotations) {
-    return std::min(max_noise, noise_scale(run.squared_residuals_at(rotations), num_cycles));
-  };
   const double freedom = static_cast<double>(num_cycles) / graph.num_edges();
-  double noise = noise_at(R);
-
-  // 3.
-  Index moved = 0;
-  if (go_on()) {
-    moved = take_votes(graph, run.given(), {Loss::geman_mcclure, outlier_noises * noise}, R);
-    if (moved > 0) noise = noise_at(R);
-  }
+  Consensus consensus = find_consensus(run, graph, num_cycles, std::move(R));
+  const double noise = consensus.noise;
+  const Index moved = consensus.moved;
+  R = std::move(consensus.rotations);
 
   // 4.
   RobustLoss& loss = solution.loss;
@@ -155,6 +147,7 @@ inline RobustSolution solve_robust(const MeasurementGraph& graph, const SolveOpt
   const double reweighting_seconds = run.seconds() - prepared;
 
   // 5.
+  run.hold_weights(reweighted.rotations, loss);
   Status early = run.ended();
   if (go_on() && reweighted.status == Status::iteration_limit) early = Status::iteration_limit;
   static_cast<Solution&>(solution) =

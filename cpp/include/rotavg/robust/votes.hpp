@@ -22,9 +22,10 @@ namespace rotavg {
 /// @param loss bounded, as geman_mcclure: a node with more than half of its weight on edges that
 ///        it agrees with is left alone, since no other rotation can do better
 /// @param q world_from_i, changed in place, node after node
+/// @param open (n,) which nodes are looked at: in the end, those with a neighbour that has moved
 /// @returns how many nodes moved
 inline Index vote_sweep(const MeasurementGraph& graph, const std::vector<double>& weights,
-                        const RobustLoss& loss, Quaternions& q) {
+                        const RobustLoss& loss, Quaternions& q, std::vector<bool>& open) {
   constexpr Index max_candidates = 48;
   constexpr double clearly = 0.999;
   std::vector<Vector4> estimates;
@@ -33,7 +34,8 @@ inline Index vote_sweep(const MeasurementGraph& graph, const std::vector<double>
   for (Index l = 0; l < graph.num_nodes(); ++l) {
     const auto row = graph.row(l);
     const Index degree = row.size();
-    if (degree < 3) continue;
+    if (degree < 3 || !open[l]) continue;
+    open[l] = false;
     estimates.clear();
     w.clear();
     double total = 0.0;
@@ -67,6 +69,7 @@ inline Index vote_sweep(const MeasurementGraph& graph, const std::vector<double>
     if (best < 0) continue;
     q[l] = Quaternion(estimates[best]);
     ++moved;
+    for (const HalfEdge& h : row) open[h.node] = true;
   }
   return moved;
 }
@@ -77,9 +80,10 @@ inline Index take_votes(const MeasurementGraph& graph, const std::vector<double>
                         const RobustLoss& loss, Rotations& R) {
   constexpr int max_sweeps = 3;
   Quaternions q = to_quaternions(R);
+  std::vector<bool> open(q.size(), true);
   Index moved = 0;
   for (int k = 0; k < max_sweeps; ++k) {
-    const Index now = vote_sweep(graph, weights, loss, q);
+    const Index now = vote_sweep(graph, weights, loss, q, open);
     moved += now;
     if (now == 0) break;
   }

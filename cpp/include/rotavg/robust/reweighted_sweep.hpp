@@ -1,0 +1,83 @@
+#pragma once
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/residuals.hpp>
+#include <rotavg/so3/lanes.hpp>
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/solve/monitor.hpp>
+
+namespace rotavg {
+
+/// DavenportSum over estimates p = q b of a rotation r, each of which counts as much as a loss
+/// leaves of its weight; four of them at a time.
+class ReweightedDavenportSum {
+ public:
+  ReweightedDavenportSum(const Quaternion& r, const RobustLoss& loss) : r_(r), loss_(loss) {}
+
+  EIGEN_STRONG_INLINE void add(const Quaternion& q, const WeightedQuaternion& b) {
+    multiply(q, b, p_[count_++]);
+    if (count_ == 4) add_four();
+  }
+  Matrix4 matrix() {
+    if (count_ > 0) {
+      while (count_ < 4) p_[count_++] = Lanes{};
+      add_four();
+    }
+    Matrix4 K;
+    for (int a = 0, k = 0; a < 4; ++a) {
+      for (int b = 0; b <= a; ++b, ++k) {
+        const Lanes& s = sums_[k];
+        K(a, b) = K(b, a) = (s[0] + s[1]) + (s[2] + s[3]);
+      }
+    }
+    return K;
+  }
+
+ private:
+  EIGEN_STRONG_INLINE void add_four() {
+    constexpr double tiny = 1e-300;  // for those that are not there
+    transpose(p_);
+    const Lanes cosine = r_.x() * p_[0] + r_.y() * p_[1] + r_.z() * p_[2] + r_.w() * p_[3];
+    Lanes off2{}, weight{};
+    for (int a = 0; a < 4; ++a) {
+      const Lanes off = p_[a] - cosine * r_.coeffs()[a];
+      off2 += off * off;
+      weight += p_[a] * p_[a];
+    }
+    const Lanes x = 4.0 * off2 / (weight + tiny);
+    const Lanes share{weight_share(loss_, x[0]), weight_share(loss_, x[1]),
+                      weight_share(loss_, x[2]), weight_share(loss_, x[3])};
+    for (int a = 0, k = 0; a < 4; ++a) {
+      const Lanes weighted = share * p_[a];
+      for (int b = 0; b <= a; ++b, ++k) sums_[k] += weighted * p_[b];
+    }
+    count_ = 0;
+  }
+
+  const Quaternion r_;
+  const RobustLoss loss_;
+  Lanes p_[4];  // each estimate, then each of x, y, z, w
+  int count_ = 0;
+  Lanes sums_[10] = {};  // of products of two of x, y, z, w
+};
+
+/// One sweep of block coordinate descent (bcd_sweep) on the robust objective, in place: before a
+/// node moves, its edges get the weights that their residuals ask for now. As those bound the
+/// objective from above, it never rises; and as they are newer than weights held through a sweep,
+/// fewer sweeps do. Ends early where the monitor does not let it go on.
+///
+/// @param graph with the given weights
+inline void reweighted_sweep(const MeasurementGraph& graph, const RobustLoss& loss, Quaternions& q,
+                             const Monitor& monitor) {
+  constexpr Index nodes_between_questions = 4096;
+  for (Index l = 0; l < graph.num_nodes(); ++l) {
+    if (graph.row(l).size() == 0) continue;
+    ReweightedDavenportSum K(q[l], loss);
+    for (const HalfEdge& h : graph.row(l)) K.add(q[h.node], h.node_from_l);
+    q[l] = loso(K.matrix(), q[l]);
+    if (l % nodes_between_questions == 0 && !monitor.keep_going()) break;
+  }
+}
+
+}  // namespace rotavg
