@@ -7,6 +7,7 @@
 
 #include "bindings.hpp"
 #include "convert.hpp"
+#include "interrupt.hpp"
 
 namespace rotavg_python {
 namespace {
@@ -15,7 +16,10 @@ using rotavg::Index;
 using rotavg::MeasurementGraph;
 
 py::tuple cycle_evidence(const MeasurementGraph& graph, double threshold) {
-  const auto evidence = without_gil([&] { return rotavg::cycle_evidence(graph, threshold); });
+  SignalCheck signals;
+  const auto evidence =
+      without_gil([&] { return rotavg::cycle_evidence(graph, threshold, signals.keep_going()); });
+  signals.rethrow();
   std::vector<Index> checked, agreeing;
   for (const rotavg::CycleEvidence& e : evidence) {
     checked.push_back(e.checked);

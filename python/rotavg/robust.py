@@ -30,8 +30,8 @@ class RobustFit:
         noise: estimated standard deviation of the noise angle of one edge, radians.
         threshold: edges with larger residuals are outliers: 3 times the noise; of "tls" the scale.
         objective: the robust objective.
-        edge_weights: (m,) the graph's weights times rho'(r) / (2 r), at least 1e-6 of them, so
-            that the graph stays connected.
+        edge_weights: (m,) the graph's weights times rho'(r) / (2 r), at least 1e-6 of them, so that
+            the graph stays connected (of edges that the cycle check leaves out 1e-12).
         edge_verdicts: (m,) see `Solution.edge_verdicts`.
         part: (n,) label of the part of the graph that each node is in; parts are held together by
             edges that are no outliers. Where a component has several, their rotations relative to

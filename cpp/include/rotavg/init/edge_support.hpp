@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <functional>
 #include <utility>
 #include <vector>
 
@@ -91,7 +92,11 @@ class Detours {
 /// but ignores a detour that does not agree. The scale s is the distance that one detour in ten
 /// stays below: it follows the noise, whatever its size, even where half of the edges are outliers,
 /// since one triangle in eight is then free of them.
-inline std::vector<double> edge_support(const MeasurementGraph& graph) {
+///
+/// @param keep_going asked every few milliseconds; false stops, and the rest have their own weight
+inline std::vector<double> edge_support(const MeasurementGraph& graph,
+                                        const std::function<bool()>& keep_going = {}) {
+  constexpr Index edges_between_questions = 1024;
   constexpr Index edges_for_scale = 20'000;
   constexpr double rounding2 = 1e-24;  // below it, detours agree exactly
   const Detours detours(graph);
@@ -109,13 +114,15 @@ inline std::vector<double> edge_support(const MeasurementGraph& graph) {
 
   std::vector<double> support;
   support.reserve(graph.edges().size());
+  for (const Edge& edge : graph.edges()) support.push_back(edge.weight);
   for (Index edge = 0; edge < graph.num_edges(); ++edge) {
+    if (edge % edges_between_questions == 0 && keep_going && !keep_going()) break;
     double sum = 0.0;
     const Index one_of = detours.visit(edge, [&](double distance2, double weight) {
       const double share = scale2 / (scale2 + distance2);
       sum += weight * share * share;
     });
-    support.push_back(graph.edges()[edge].weight + one_of * sum);
+    support[edge] += one_of * sum;
   }
   return support;
 }

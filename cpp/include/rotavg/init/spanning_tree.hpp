@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <queue>
 #include <tuple>
 #include <vector>
@@ -19,8 +20,9 @@ namespace rotavg {
 /// Prim's algorithm: the tree takes the best supported of the edges that leave it; among equals the
 /// one that leaves it nearest to the root, then the first. Where there are no triangles and all
 /// weights are equal, this is a tree of shortest paths.
-inline Rotations spanning_tree_init(const MeasurementGraph& graph) {
-  const std::vector<double> support = edge_support(graph);
+inline Rotations spanning_tree_init(const MeasurementGraph& graph,
+                                    const std::function<bool()>& keep_going = {}) {
+  const std::vector<double> support = edge_support(graph, keep_going);
   Rotations R(static_cast<std::size_t>(graph.num_nodes()), Matrix3::Identity());
   std::vector<Index> depth(R.size(), -1);
   // Support, and then, as the largest comes first, minus the depth and minus the edge.

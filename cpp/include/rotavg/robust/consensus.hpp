@@ -54,8 +54,8 @@ inline Consensus find_consensus(RobustRun& run, const MeasurementGraph& graph, I
   // 2.
   Consensus consensus;
   for (int k = 0; k < most_rounds && go_on(); ++k) {
-    const Index moved =
-        take_votes(graph, run.given(), {Loss::geman_mcclure, votes_noises * noise}, R);
+    const Index moved = take_votes(graph, run.given(), {Loss::geman_mcclure, votes_noises * noise},
+                                   R, run.keep_going());
     consensus.moved += moved;
     if (moved > 0) noise = std::min(most_noise, noise_at(R));
     if (moved <= many * graph.num_nodes()) break;

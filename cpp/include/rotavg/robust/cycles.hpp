@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
@@ -27,11 +28,16 @@ struct CycleEvidence {
 /// cycles are looked at, at least eight.
 ///
 /// @param threshold radians, of the rotation around the whole cycle
-inline std::vector<CycleEvidence> cycle_evidence(const MeasurementGraph& graph, double threshold) {
+/// @param keep_going asked every few milliseconds; false stops, and there is no evidence on the
+/// rest
+inline std::vector<CycleEvidence> cycle_evidence(const MeasurementGraph& graph, double threshold,
+                                                 const std::function<bool()>& keep_going = {}) {
+  constexpr Index edges_between_questions = 1024;
   const Detours detours(graph);
   const double most = 2.0 * std::sin(0.25 * std::min(threshold, 3.141592653589793));
   std::vector<CycleEvidence> evidence(graph.edges().size());
   for (Index edge = 0; edge < graph.num_edges(); ++edge) {
+    if (edge % edges_between_questions == 0 && keep_going && !keep_going()) break;
     CycleEvidence& e = evidence[edge];
     detours.visit(edge, [&](double distance2, double) {
       ++e.checked;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <functional>
 #include <utility>
 #include <vector>
 
@@ -38,6 +39,13 @@ class RobustRun {
   /// How the work has ended before its time; not_run if it may go on.
   Status ended() const { return ended_; }
   double seconds() const { return watch_.seconds(); }
+  /// For what is not a stage of its own.
+  std::function<bool()> keep_going() const {
+    return [this] {
+      return watch_.seconds() < options_.iteration.time_limit &&
+             (!options_.iteration.keep_going || options_.iteration.keep_going());
+    };
+  }
   MeasurementGraph& graph() { return graph_; }
 
   /// Leaves edges out of all that follows, but for a weight that keeps the graph connected.

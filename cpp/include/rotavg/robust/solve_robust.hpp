@@ -115,7 +115,7 @@ inline RobustSolution solve_robust(const MeasurementGraph& graph, const SolveOpt
   const auto go_on = [&] { return run.ended() == Status::not_run; };
   std::vector<bool> refuted;
   if (robust.cycle_threshold > 0.0) {
-    for (const CycleEvidence& e : cycle_evidence(graph, robust.cycle_threshold)) {
+    for (const CycleEvidence& e : cycle_evidence(graph, robust.cycle_threshold, run.keep_going())) {
       refuted.push_back(e.refuted());
     }
     run.leave_out(refuted);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <functional>
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
@@ -75,14 +76,16 @@ inline Index vote_sweep(const MeasurementGraph& graph, const std::vector<double>
 }
 
 /// Some sweeps of votes, while nodes move.
+/// @param keep_going asked before every sweep; false stops
 /// @returns how many moved, each as often as it did
 inline Index take_votes(const MeasurementGraph& graph, const std::vector<double>& weights,
-                        const RobustLoss& loss, Rotations& R) {
+                        const RobustLoss& loss, Rotations& R,
+                        const std::function<bool()>& keep_going = {}) {
   constexpr int max_sweeps = 3;
   Quaternions q = to_quaternions(R);
   std::vector<bool> open(q.size(), true);
   Index moved = 0;
-  for (int k = 0; k < max_sweeps; ++k) {
+  for (int k = 0; k < max_sweeps && (!keep_going || keep_going()); ++k) {
     const Index now = vote_sweep(graph, weights, loss, q, open);
     moved += now;
     if (now == 0) break;

@@ -89,7 +89,7 @@ class SolveRun {
     used = init;
     switch (init) {
       case Initialization::spanning_tree:
-        return spanning_tree_init(graph_);
+        return spanning_tree_init(graph_, keep_going_);
       case Initialization::random:
         return random_init(graph_, options_.seed);
       case Initialization::chordal:
