@@ -114,25 +114,27 @@ class Connectivity {
   ///
   /// @returns a bound with CertificateMethod::none where the norm is larger
   ComponentBound bound_by_norm(const std::function<bool()>& keep_going) const {
-    constexpr double almost_one = 0.99;  // rounding is far less
+    constexpr double almost_one = 0.99, rounding = 1e-7;
     if (!is_positive_) return {};
     // With v_ij = 1 / (D_i D_j), the square is sum v a^2 - 2 c sum v a + c^2 sum v: the least over
-    // c. Parallel edges count as one.
+    // c. Parallel edges count as one. All in units in which no product overflows.
+    const double unit = total_degree_ / S_.num_nodes();
     double sum_v = 0.0, sum_va = 0.0, sum_vaa = 0.0;
     std::vector<double> weight(left_.size(), 0.0);
-    for (const double left : left_) sum_v += 1.0 / left;
+    for (const double left : left_) sum_v += unit / left;
     sum_v *= sum_v;
     for (Index a = 0; a < S_.num_nodes(); ++a) {
       const auto half_edges = S_.graph().row(S_.nodes()[a]);
       for (const HalfEdge& h : half_edges) weight[row(h.node)] += h.node_from_l.squaredNorm();
       for (const HalfEdge& h : half_edges) {
         const Index b = row(h.node);
-        const double w = std::exchange(weight[b], 0.0), vw = w / (left_[a] * left_[b]);
-        sum_va += vw;
-        sum_vaa += vw * w;
+        const double w = std::exchange(weight[b], 0.0);
+        sum_va += (w / left_[a]) * (unit / left_[b]);
+        sum_vaa += (w / left_[a]) * (w / left_[b]);
       }
     }
-    if (!(sum_vaa - sum_va * sum_va / sum_v < almost_one)) return {};
+    const double square = sum_vaa - sum_va * sum_va / sum_v + rounding * sum_vaa;
+    if (!(square < almost_one)) return {};
     return bound(l_, keep_going);
   }
 
