@@ -68,9 +68,8 @@ inline ComponentBound bound_by_grounded_factorization(const CertificateMatrix& S
 
 /// The bound where S is not positive semidefinite: f(R) - f* <= 3 n shift for any shift with
 /// S + shift I > 0, which a factorisation of the whole of S proves. The shift starts near an
-/// estimate of -lambda_min and grows until the factorisation succeeds; the factor gives lambda_min,
-/// to which the shift is then drawn down. Where that fails, the iteration has met another
-/// eigenvalue than the smallest: factors with shifts in between lead it to that.
+/// estimate of -lambda_min, grows until the factorisation succeeds, and is then drawn down to the
+/// eigenvalue that the factor gives; where that fails, it was not the smallest, which is unknown.
 ///
 /// @param elimination of all nodes
 inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
@@ -80,56 +79,39 @@ inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
   const BlockCholesky<3>::Blocks blocks = S.blocks(elimination);
   BlockCholesky<3> cholesky(elimination.symbolic());
   const double scale = S.max_degree();
-  const double smallest_shift = 1e-13 * scale, negligible = 1e-10 * scale;
-  constexpr int rough_iterations = 30, most_attempts = 12;
+  const double smallest_shift = 1e-13 * scale, rounding = 1e-10 * scale;
+  constexpr int rough_iterations = 30;
   const double rough = min_eigenvalue_on_complement(S, keep_going, 1e-3, rough_iterations).value;
 
-  double shift = std::max(smallest_shift, -1.5 * rough);
-  const auto try_shift = [&](double tried) {
-    const auto outcome = cholesky.factorize(blocks, tried, keep_going);
-    if (outcome != CholeskyOutcome::positive_definite) return outcome;
-    const double gap =
-        tried * static_cast<double>(S.size()) + cholesky.rounding_trace() + S.rounding_trace();
-    bound.gap = std::min(bound.gap, gap);
-    bound.method = CertificateMethod::factorization;
-    shift = tried;
+  const auto factorize = [&](double shift) {
+    const CholeskyOutcome outcome = cholesky.factorize(blocks, shift, keep_going);
+    if (outcome == CholeskyOutcome::positive_definite) {
+      const double gap =
+          shift * static_cast<double>(S.size()) + cholesky.rounding_trace() + S.rounding_trace();
+      bound.gap = std::min(bound.gap, gap);
+      bound.method = CertificateMethod::factorization;
+    }
     return outcome;
   };
   // S + 2 max_degree I > 0 always (Gershgorin), so this ends.
-  CholeskyOutcome outcome = try_shift(shift);
-  for (double tried = shift;
-       outcome == CholeskyOutcome::not_positive_definite && tried <= 4.0 * scale;) {
-    tried *= 4.0;
-    outcome = try_shift(tried);
+  double shift = std::max(smallest_shift, -1.5 * rough);
+  CholeskyOutcome outcome = factorize(shift);
+  while (outcome == CholeskyOutcome::not_positive_definite && shift <= 4.0 * scale) {
+    shift *= 4.0;
+    outcome = factorize(shift);
   }
+  if (outcome != CholeskyOutcome::positive_definite) return bound;
   const LinearOperator inverse = [&](const Eigen::MatrixXd& X) { return cholesky.solve(X); };
   const Eigen::Index block = std::min<Eigen::Index>(4, S.size());
-  double refuted = 0.0;  // S has an eigenvalue below minus this
-  for (int k = 0; k < most_attempts && outcome == CholeskyOutcome::positive_definite; ++k) {
-    const double found =
-        value_or_nan(min_eigenvalue(S, random_start(S.size(), block), inverse, keep_going));
-    const double tight = std::max(0.0, -found * (1.0 + 1e-6)) + smallest_shift;
-    bool is_smallest = !(tight < shift - negligible);  // also where nothing was found
-    if (!is_smallest) {
-      outcome = try_shift(tight);
-      is_smallest = outcome == CholeskyOutcome::positive_definite;
-      // The factorisation itself needs a little more where S is singular to rounding.
-      if (outcome == CholeskyOutcome::not_positive_definite) {
-        outcome = try_shift(tight + negligible);
-        is_smallest = outcome == CholeskyOutcome::positive_definite;
-      }
-      if (outcome == CholeskyOutcome::not_positive_definite) refuted = tight + negligible;
-    }
-    if (is_smallest || outcome == CholeskyOutcome::stopped) {
-      if (is_smallest) bound.lambda_min = found;
-      break;
-    }
-    const double good = shift;
-    outcome = try_shift(0.5 * (refuted + good));
-    if (outcome == CholeskyOutcome::not_positive_definite) {
-      refuted = 0.5 * (refuted + good);
-      outcome = try_shift(good);
-    }
+  const Eigenpair smallest = min_eigenvalue(S, random_start(S.size(), block), inverse, keep_going);
+  if (!smallest.converged) return bound;
+
+  bound.lambda_min = smallest.value;
+  const double tight = std::max(0.0, -smallest.value * (1.0 + 1e-6)) + smallest_shift;
+  if (tight < shift && factorize(tight) == CholeskyOutcome::not_positive_definite &&
+      tight + rounding < shift &&
+      factorize(tight + rounding) == CholeskyOutcome::not_positive_definite) {
+    bound.lambda_min = std::numeric_limits<double>::quiet_NaN();
   }
   return bound;
 }

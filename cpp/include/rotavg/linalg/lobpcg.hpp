@@ -124,6 +124,7 @@ inline Eigenpair smallest_eigenpair(const LinearOperator& A, const LinearOperato
     return M;
   };
 
+  constexpr double drift = 1e-10;
   const Eigen::Index max_size = std::min(rows - constraints.cols(), 3 * start.cols());
   const auto with_image = [&](MatrixXd V) {
     MatrixXd AV = A(V);
@@ -146,6 +147,9 @@ inline Eigenpair smallest_eigenpair(const LinearOperator& A, const LinearOperato
     X = with_image(combinations(V, C));  // anew, so that no error piles up
     P = {combinations(V.rightCols(others), C.bottomRows(others)),
          combinations(AV.rightCols(others), C.bottomRows(others))};
+    // Errors of its image grow from one P to the next, and show in H.
+    const double asymmetry = (H - H.transpose()).cwiseAbs().maxCoeff();
+    if (asymmetry > drift * H.cwiseAbs().maxCoeff()) P = with_image(std::move(P.V));
     const MatrixXd residual = project(X.AV - X.V * ritz.values.head(k).asDiagonal());
     const double fall = best.value - ritz.values(0);
     idle = iteration > 0 && fall <= options.value_tolerance ? idle + 1 : 0;
