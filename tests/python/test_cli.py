@@ -63,6 +63,12 @@ def test_solve_prints_one_json_object(graph_file: Path) -> None:
     assert result["iterations"] == expected.iterations
 
 
+def test_a_solution_may_go_back_into_its_own_pose_graph(graph_file: Path) -> None:
+    before = rotavg.read(graph_file)
+    assert run("solve", graph_file, "-o", graph_file).returncode == 0
+    np.testing.assert_array_equal(rotavg.read(graph_file).rotations, before.rotations)
+
+
 def test_accelerate_takes_fewer_iterations(graph_file: Path) -> None:
     iterations = []
     for extra in ([], ["--accelerate"]):
@@ -120,6 +126,14 @@ def test_no_certify(graph_file: Path) -> None:
         (["info", "graph.g2o", "--format", "csv"], "graph.g2o:1: found"),
         (["info", "graph.g2o", "--convention", "vision"], "g2o is in the pose family"),
         (["info", "."], "cannot be read: Is a directory"),
+        (["solve", "graph.g2o", "--edges", "link.g2o"], "link.g2o: it would replace another file"),
+        (["solve", "graph.g2o", "--covariances", "graph.g2o"], "would replace another file"),
+        (["solve", "graph.g2o", "-o", "a.g2o", "--edges", "./a.g2o"], "would replace another file"),
+        (["solve", "graph.g2o", "--fixed", "f", "-o", "f", "--output-format", "csv"], "replace"),
+        (["solve", "graph.g2o", "-o", "graph.g2o", "--output-format", "csv"], "would replace"),
+        (["solve", "graph.g2o", "--edges", "-"], "-: cannot be written: standard output is /dev"),
+        (["solve", "graph.g2o", "-o", "-", "--output-format", "csv"], "standard output is /dev"),
+        (["solve", "-"], "-: cannot be read: standard input is /dev/stdin"),
     ],
 )
 def test_bad_input_is_exit_status_2_with_one_clear_message(
@@ -127,6 +141,7 @@ def test_bad_input_is_exit_status_2_with_one_clear_message(
 ) -> None:
     folder = graph_file.parent
     (folder / "empty.g2o").touch()
+    (folder / "link.g2o").symlink_to("graph.g2o")
     before = sorted(folder.iterdir())
     done = run(*arguments, cwd=folder)
     assert done.returncode == 2

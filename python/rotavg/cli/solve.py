@@ -158,12 +158,17 @@ def solve(
     if cycle_threshold is not None:
         settings["cycle_threshold"] = math.radians(cycle_threshold)
     if output is not None:
-        check_writable(output, output_format, solution=True)  # before the work, not after it
+        # Before the work, not after it.
+        check_writable(output, output_format, solution=True, source=input_path)
     if noise_variance is not None and covariances_path is None:
         raise click.UsageError("--noise-variance is for --covariances, which is not given")
     check_prior_options(gravity_path, gravity_weight)
     if report is not None:
-        check_report(report, input_path, output, edges_path, covariances_path)
+        check_report(report)
+    init = settings["init"]
+    known = [fixed_path, gravity_path, init if isinstance(init, Path) else None]
+    atomic.check_distinct([output], known)
+    atomic.check_distinct([edges_path, covariances_path, report], [input_path, output, *known])
     for path in (edges_path, covariances_path):
         if path is not None:
             atomic.check_writable(path)

@@ -121,14 +121,21 @@ def write(
 
 
 def check_writable(
-    path: str | os.PathLike[str], format: str | None = None, *, solution: bool = False
+    path: str | os.PathLike[str],
+    format: str | None = None,
+    *,
+    solution: bool = False,
+    source: Path | None = None,
 ) -> None:
     """Raise what `write` would raise for this path, as far as it can be told before the work.
 
-    `solution` says that it is a solution that will be written, not a graph.
+    `solution` says that it is a solution that will be written, not a graph; `source` where its
+    graph is from, a file that only a format that puts the solution back into it may replace.
     """
     path, chosen = _output(path, format)
     chosen.check_writes(path, solution)
+    if not chosen.puts_back:
+        atomic.check_distinct([path], [source])
     new_folder = chosen.main_file and not path.parent.exists()
     atomic.check_writable(path.parent if new_folder else path)
 
