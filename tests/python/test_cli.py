@@ -69,6 +69,49 @@ def test_a_solution_may_go_back_into_its_own_pose_graph(graph_file: Path) -> Non
     np.testing.assert_array_equal(rotavg.read(graph_file).rotations, before.rotations)
 
 
+def test_simulate_writes_what_is_true(tmp_path: Path) -> None:
+    arguments = ["simulate", "sphere", "-n", "60", "--noise", "0.05", "--outliers", "0.1"]
+    files = ["-o", "g.g2o", "--truth", "truth.csv", "--outlier-edges", "wrong.csv"]
+    assert run(*arguments, *files, cwd=tmp_path).returncode == 0
+    simulation = rotavg.simulate("sphere", 60, noise=0.05, outliers=0.1)
+    _, rotations = rotavg.read_rotations(tmp_path / "truth.csv")
+    np.testing.assert_allclose(rotations, simulation.ground_truth, atol=1e-12)
+    header, *rows = (tmp_path / "wrong.csv").read_text().splitlines()
+    assert header == "i,j"
+    assert rows == [f"{i},{j}" for i, j in simulation.graph.edges[simulation.is_outlier]]
+    assert run("compare", "truth.csv", "truth.csv", cwd=tmp_path).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("p.graph", ["the poses of 2 vertices", "which 1 vertices are fixed"]),
+        ("p.npz", ["the poses of 2 vertices", "which 1 vertices are fixed"]),
+        ("p.csv", ["the translations", "the poses of 2 vertices", "which 1 vertices are fixed"]),
+        ("p2.g2o", []),
+    ],
+)
+def test_convert_tells_what_is_lost(name: str, told: list[str], tmp_path: Path) -> None:
+    information = " ".join("1" if i == j else "0" for i in range(6) for j in range(i, 6))
+    (tmp_path / "p.g2o").write_text(
+        "VERTEX_SE3:QUAT 0 1 2 3 0 0 0 1\nVERTEX_SE3:QUAT 1 2 2 3 0 0 0 1\nFIX 0\n"
+        f"EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 {information}\n"
+    )
+    done = run("convert", "p.g2o", name, cwd=tmp_path)
+    notes = [line for line in done.stderr.splitlines() if line.startswith("note: ")]
+    assert [note for note in notes if not any(words in note for words in told)] == []
+    assert len(notes) == len(told)
+    done = run("convert", "p.g2o", name, "--json", cwd=tmp_path)
+    assert len(json.loads(done.stdout)["notes"]) == len(told)
+
+
+def test_zero_positions_are_told(tmp_path: Path) -> None:
+    done = run("simulate", "cycle", "-n", "5", "-o", "c.g2o", cwd=tmp_path)
+    assert "note: c.g2o: the graph has no translations" in done.stderr
+    done = run("solve", "c.g2o", "-o", "s.g2o", cwd=tmp_path)
+    assert "note: s.g2o: the graph has no translations" in done.stderr
+
+
 def test_accelerate_takes_fewer_iterations(graph_file: Path) -> None:
     iterations = []
     for extra in ([], ["--accelerate"]):

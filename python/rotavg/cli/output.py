@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Callable, Optional
 
 import click
@@ -20,6 +21,7 @@ from rich.table import Table
 from rich.text import Text
 
 import rotavg
+from rotavg.io import losses
 from rotavg.json_text import json_text
 
 Callback = Optional[Callable[[rotavg.Progress], None]]
@@ -85,6 +87,12 @@ def print_notes(graph: rotavg.MeasurementGraph) -> None:
     """What the reader wants its user to know, on stderr."""
     for note in graph.notes:
         click.echo(f"note: {note}", err=True)
+
+
+def print_losses(path: Path, graph: rotavg.MeasurementGraph, format: str | None = None) -> None:
+    """What of the graph is not in the file that was written, on stderr."""
+    for loss in losses(path, graph, format):
+        click.echo(f"note: {path}: {loss}", err=True)
 
 
 @contextmanager

@@ -16,7 +16,14 @@ import rotavg
 from rotavg.cli import options
 from rotavg.cli.command import Command
 from rotavg.cli.options import choice, number
-from rotavg.cli.output import print_json, print_notes, print_solution, progress, working
+from rotavg.cli.output import (
+    print_json,
+    print_losses,
+    print_notes,
+    print_solution,
+    progress,
+    working,
+)
 from rotavg.cli.priors import check_prior_options, prior_options, read_priors
 from rotavg.cli.start import init_option, read_start
 from rotavg.io import atomic, check_writable
@@ -206,6 +213,8 @@ def solve(
         for path in (output, edges_path, covariances_path, report):
             if path is not None:
                 click.echo(f"wrote {path}", err=True)
+        if output is not None and graph.translations is None:
+            print_losses(output, graph, output_format)
     return 0 if solution.solved else 1
 
 
