@@ -112,6 +112,27 @@ def test_zero_positions_are_told(tmp_path: Path) -> None:
     assert "note: s.g2o: the graph has no translations" in done.stderr
 
 
+def test_standard_output_that_takes_nothing_is_told(graph_file: Path) -> None:
+    for arguments, redirection in (("solve", ">/dev/full"), ("info --json", ">&-")):
+        command = f"{sys.executable} -m rotavg {arguments} {graph_file} {redirection}"
+        done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+        assert done.returncode == 2
+        assert done.stderr.startswith("Error: standard output: cannot be written: ")
+        assert len(done.stderr.splitlines()) == 1
+
+
+def test_too_little_memory_is_told(tmp_path: Path) -> None:
+    done = run("simulate", "complete", "-n", "100000000", "-o", tmp_path / "out.txt")
+    assert done.returncode == 2
+    assert done.stderr.startswith("Error: there is not enough memory")
+
+
+def test_certificate_tolerance(graph_file: Path) -> None:
+    done = run("solve", graph_file, "--certificate-tolerance", "0", "--json")
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["certificate"]["verdict"] == "not_certified"
+
+
 def test_accelerate_takes_fewer_iterations(graph_file: Path) -> None:
     iterations = []
     for extra in ([], ["--accelerate"]):
@@ -176,6 +197,8 @@ def test_no_certify(graph_file: Path) -> None:
         (["solve", "graph.g2o", "-o", "graph.g2o", "--output-format", "csv"], "would replace"),
         (["solve", "graph.g2o", "--edges", "-"], "-: cannot be written: standard output is /dev"),
         (["solve", "graph.g2o", "-o", "-", "--output-format", "csv"], "standard output is /dev"),
+        (["solve", "graph.g2o", "--loss-scale", "5"], "--loss-scale is for --loss, which"),
+        (["solve", "graph.g2o", "--output-format", "csv"], "--output-format is for --output"),
         (["solve", "-"], "-: cannot be read: standard input is /dev/stdin"),
     ],
 )
@@ -218,8 +241,8 @@ def update(tmp_path: Path) -> Path:
     rotavg.write(tmp_path / "older.csv", rotavg.solve(graph.subgraph(range(90))))
     rotavg.write(tmp_path / "older.npz", rotavg.solve(graph))
     (tmp_path / "chordal").write_bytes((tmp_path / "older.csv").read_bytes())
-    (tmp_path / "other.txt").write_text("1000 0 0 0 1\n1001 0 0 0 1\n")
-    (tmp_path / "bad.txt").write_text("1 0 0 0 1\n2 0 0 0\n")
+    (tmp_path / "other.txt").write_text("# id qx qy qz qw\n1000 0 0 0 1\n1001 0 0 0 1\n")
+    (tmp_path / "bad.txt").write_text("# id qx qy qz qw\n1 0 0 0 1\n2 0 0 0\n")
     np.savez(tmp_path / "none.npz", nodes=np.arange(0), rotations=np.empty((0, 3, 3)))
     np.savez(tmp_path / "wrong.npz", nodes=np.arange(9), rotations=np.ones((9, 3, 3)))
     return tmp_path
@@ -252,10 +275,10 @@ def test_a_word_goes_before_a_file_of_the_same_name(update: Path) -> None:
         ("missing.csv", "'missing.csv' is not one of auto, shortest_path"),
         ("chordall", "nor a file that is there"),
         ("other.txt", "other.txt: none of its 2 nodes is in the graph, expected ids as in the"),
-        ("bad.txt", "bad.txt:2: found 4 fields"),
+        ("bad.txt", "bad.txt:3: found 4 fields"),
         ("graph.csv", "graph.csv:"),
         ("none.npz", "none.npz: "),
-        ("wrong.npz", "wrong.npz: the matrix of node 0 is not a rotation"),
+        ("wrong.npz", "wrong.npz: rotations of node 0 is no rotation"),
         ("", "'' is not one of auto"),
         (".", "cannot be read: Is a directory"),
     ],

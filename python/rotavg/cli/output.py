@@ -6,6 +6,7 @@ Colours are left to rich: it uses them on terminals alone, and honours NO_COLOR 
 from __future__ import annotations
 
 import math
+import io
 import os
 import sys
 from collections.abc import Iterable, Iterator
@@ -29,14 +30,19 @@ Callback = Optional[Callable[[rotavg.Progress], None]]
 
 def print_text(text: str) -> None:
     """Text on stdout. Where its reader has gone, as in `rotavg info graph.g2o | head -1`, the rest
-    is lost, and that is no error.
+    is lost, and that is no error; FileAccessError where it cannot be written otherwise.
     """
+    if sys.stdout is None:  # it was closed before we began
+        raise rotavg.FileAccessError("cannot be written: it is closed", path="standard output")
     try:
         sys.stdout.write(text + "\n")
         sys.stdout.flush()
-    except BrokenPipeError:
+    except OSError as error:
         # What is left in the buffer must not fail again when Python closes stdout.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            reason = f"cannot be written: {error.strerror}"
+            raise rotavg.FileAccessError(reason, path="standard output") from error
 
 
 def print_json(value: dict[str, Any]) -> None:
@@ -64,10 +70,12 @@ def print_solution(solution: rotavg.Solution) -> None:
     text.highlight_regex(r"\A(Not solved|Solved)", "bold green" if solution.solved else "bold red")
     # rich styles a group of the match by the group's name.
     text.highlight_regex(rf"(?m)^  verdict +(?P<{_verdict_style(solution.certificate)}>.+)")
-    console = Console(highlight=False, soft_wrap=True)
-    with console.capture() as capture:
-        console.print(text, end="")
-    print_text(capture.get())
+    rendered = io.StringIO()
+    on_terminal = sys.stdout is not None and sys.stdout.isatty()
+    Console(file=rendered, force_terminal=on_terminal, highlight=False, soft_wrap=True).print(
+        text, end=""
+    )
+    print_text(rendered.getvalue())
 
 
 def _verdict_style(certificate: rotavg.Certificate | None) -> str:

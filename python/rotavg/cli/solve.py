@@ -46,7 +46,7 @@ from rotavg.report import Run, check_report, write_report
         "When to stop": ("tolerance", "stop", "max_iterations", "time_limit"),
     },
     epilog="Exit status: 0 solved (certified, or converged with --no-certify), 1 not solved, "
-    "2 bad input or usage.",
+    "2 bad input or usage, 130 interrupted.",
 )
 @click.argument("input_path", metavar="INPUT", type=options.PATH)
 @click.option(
@@ -126,6 +126,12 @@ from rotavg.report import Run, check_report, write_report
     is_flag=True,
     help="Refine by the covariances that a g2o file has: a local optimum, without certificate.",
 )
+@number(
+    "--certificate-tolerance",
+    click.FloatRange(0),
+    1e-6,
+    "Largest relative gap that is called optimal.",
+)
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
 @options.input_format
 @options.output_solution
@@ -169,6 +175,10 @@ def solve(
         check_writable(output, output_format, solution=True, source=input_path)
     if noise_variance is not None and covariances_path is None:
         raise click.UsageError("--noise-variance is for --covariances, which is not given")
+    if settings["loss"] == "l2" and loss_scale != "auto":
+        raise click.UsageError("--loss-scale is for --loss, which is not given or l2")
+    if output_format is not None and output is None:
+        raise click.UsageError("--output-format is for --output, which is not given")
     check_prior_options(gravity_path, gravity_weight)
     if report is not None:
         check_report(report)
