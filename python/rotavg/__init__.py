@@ -26,6 +26,7 @@ from rotavg.errors import (
 from rotavg.graph import MeasurementGraph
 from rotavg.hardness import Hardness, hardness
 from rotavg.io import read, read_rotations, write, write_covariances, write_edges
+from rotavg.known import KnownRotations
 from rotavg.positions import positions
 from rotavg.priors import Priors
 from rotavg.robust import CycleEvidence, RobustFit, cycle_evidence
@@ -45,6 +46,7 @@ __all__ = [
     "GraphError",
     "Hardness",
     "IncompleteWarning",
+    "KnownRotations",
     "MeasurementGraph",
     "MissingExtraError",
     "OptionError",

@@ -11,6 +11,8 @@ from rotavg import topology
 from rotavg.conventions import matrices_from_quaternions, matrices_from_rotvecs
 from rotavg.errors import GraphError
 from rotavg.graph import MeasurementGraph
+from rotavg.known import KnownRotations
+from rotavg.translations import RelativeTranslations
 
 KINDS = ("complete", "erdos_renyi", "cycle", "grid", "sphere", "band")
 
@@ -20,7 +22,7 @@ class Simulation:
     """A simulated measurement graph and what is true about it.
 
     Attributes:
-        graph: nodes 0 ... n - 1, weights 1.
+        graph: nodes 0 ... n - 1, weights 1; with the true translations where there are positions.
         ground_truth: (n, 3, 3) world_from_node. Compare up to one rotation from the left.
         is_outlier: (m,) whether the edge's rotation is a wrong one.
         positions: (n, 3) of the nodes in the world; None for kinds without geometry.
@@ -30,6 +32,11 @@ class Simulation:
     ground_truth: NDArray[np.float64]
     is_outlier: NDArray[np.bool_]
     positions: NDArray[np.float64] | None
+
+    @property
+    def truth(self) -> KnownRotations:
+        """The ground truth, for `rotavg.write`."""
+        return KnownRotations(self.graph, self.ground_truth)
 
 
 def simulate(
@@ -47,7 +54,8 @@ def simulate(
     """Simulate a connected measurement graph; the same arguments give the same graph.
 
     The noise is the paper's (Dong, Xie, Shi 2021, section 6): R_ij = R_i^T R_j exp(angle * axis)
-    with a uniformly random axis and angle ~ N(0, noise^2).
+    with a uniformly random axis and angle ~ N(0, noise^2). Translations have neither noise nor
+    outliers.
 
     Args:
         kind: "complete", "erdos_renyi", "cycle": uniformly random ground truth;
@@ -113,7 +121,11 @@ def simulate(
     else:
         is_outlier[rng.choice(m, size=round(outliers * m), replace=False)] = True
         rotations[is_outlier] = _random_rotations(int(is_outlier.sum()), rng)
-    graph = MeasurementGraph(edges, rotations, nodes=np.arange(n))
+    translations = None
+    if positions is not None:
+        steps = np.diff(positions[edges], axis=1)  # (m, 1, 3): as rows, turned by R_i^T
+        translations = RelativeTranslations((steps @ ground_truth[edges[:, 0]])[:, 0])
+    graph = MeasurementGraph(edges, rotations, nodes=np.arange(n), translations=translations)
     return Simulation(graph, ground_truth, is_outlier, positions)
 
 

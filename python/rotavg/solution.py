@@ -273,8 +273,9 @@ class Solution:
             rows.append(("uncertainty", f"{about} (RMS angle relative to the gauge)"))
         if self.robust is not None:
             rows += self.robust.rows(self.num_components)
-        elif (advice := contamination(self.residual_angles, self.graph.weights)) is not None:
-            rows.append(("outliers?", advice))
+        elif self.status.converged:  # residuals on the way there say nothing of the measurements
+            if advice := contamination(self.residual_angles, self.graph.weights):
+                rows.append(("outliers?", advice))
         return rows
 
     def _verdict_sentence(self, c: Certificate) -> str:

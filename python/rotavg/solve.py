@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-import os
 from collections.abc import Callable
 from typing import Any, Literal, TypeVar, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg import _core
+from rotavg import _core, options
 from rotavg.arrays import as_floats, read_only
 from rotavg.certificate import Certificate, ComponentCertificate
 from rotavg.errors import GraphError, OptionError, SolverError
@@ -29,8 +27,6 @@ Stop = Literal["gradient", "step"]
 Mu = Literal["adaptive", "min_eigenvalue"]
 Progress = _core.Progress
 Callback = Callable[[Progress], Union[bool, None]]
-
-_LEAST_ANGLE = 1e-6  # smaller ones drown in rounding
 
 _Result = TypeVar("_Result")
 
@@ -130,24 +126,26 @@ def solve(
     elif not isinstance(init, str):
         start, origin = _node_rotations(graph, init, "init"), "given"
     settings: dict[str, Any] = {
-        "method": _word("method", method),
+        "method": options.word("method", method),
         "init": init if isinstance(init, str) else "auto",
         "start": start,
-        "seed": _whole("seed", seed, 0, 2**64 - 1),
-        "mu": _word("mu", mu),
+        "seed": options.whole("seed", seed, 0, 2**64 - 1),
+        "mu": options.word("mu", mu),
         "accelerate": bool(accelerate),
-        "max_rank": _whole("max_rank", max_rank, 0, 100),
-        "stop": _word("stop", stop),
-        "tolerance": _nonnegative("tolerance", tolerance),
-        "max_iterations": _whole("max_iterations", max_iterations, 0, 2**31 - 1),
-        "time_limit": _time_limit(time_limit),
-        "num_threads": _num_threads(num_threads),
+        "max_rank": options.whole("max_rank", max_rank, 0, 100),
+        "stop": options.word("stop", stop),
+        "tolerance": options.nonnegative("tolerance", tolerance),
+        "max_iterations": options.whole("max_iterations", max_iterations, 0, 2**31 - 1),
+        "time_limit": options.seconds(time_limit),
+        "num_threads": options.threads(num_threads),
         "certify": bool(certify),
-        "certificate_tolerance": _nonnegative("certificate_tolerance", certificate_tolerance),
-        "callback": _callback(callback),
-        "loss": _word("loss", loss),
-        "loss_scale": _angle("loss_scale", loss_scale, "auto"),
-        "cycle_threshold": _angle("cycle_threshold", cycle_threshold, None),
+        "certificate_tolerance": options.nonnegative(
+            "certificate_tolerance", certificate_tolerance
+        ),
+        "callback": options.function(callback),
+        "loss": options.word("loss", loss),
+        "loss_scale": options.angle("loss_scale", loss_scale, "auto"),
+        "cycle_threshold": options.angle("cycle_threshold", cycle_threshold, None),
     }
 
     def run(graph: MeasurementGraph, **changes: Any) -> dict[str, Any]:
@@ -210,9 +208,9 @@ def certify(
             graph,
             _core.certify,
             _node_rotations(graph, rotations, "rotations"),
-            tolerance=_nonnegative("tolerance", tolerance),
-            time_limit=_time_limit(time_limit),
-            num_threads=_num_threads(num_threads),
+            tolerance=options.nonnegative("tolerance", tolerance),
+            time_limit=options.seconds(time_limit),
+            num_threads=options.threads(num_threads),
         )
     )
     assert certificate is not None
@@ -240,13 +238,13 @@ def _certificate(core: dict[str, Any]) -> Certificate | None:
 
 
 def _call_core(
-    graph: MeasurementGraph, function: Callable[..., _Result], *args: Any, **options: Any
+    graph: MeasurementGraph, function: Callable[..., _Result], *args: Any, **settings: Any
 ) -> _Result:
     """Call the core for a graph; it refuses matrices that are no rotations, and unknown options."""
     if not isinstance(graph, MeasurementGraph):
         raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
     try:
-        return function(graph._core, *args, **options)
+        return function(graph._core, *args, **settings)
     except _core.InvalidRotation as error:
         node, reason = error.args
         raise GraphError(f"the matrix of node {graph.nodes[node].item()!r} {reason}") from None
@@ -262,49 +260,3 @@ def _node_rotations(
     if not isinstance(graph, MeasurementGraph):
         raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
     return as_floats(rotations, (graph.num_nodes, 3, 3), name)
-
-
-def _nonnegative(name: str, value: float) -> float:
-    if not (isinstance(value, (int, float, np.number)) and value >= 0):
-        raise OptionError(f"{name} is {value!r}; expected a number that is not negative")
-    return float(value)
-
-
-def _angle(name: str, value: float | str | None, otherwise: str | None) -> float:
-    """Radians; 0 for `otherwise`, which the core chooses for."""
-    if value is None or isinstance(value, str):
-        if value == otherwise:
-            return 0.0
-    elif isinstance(value, (int, float, np.number)) and _LEAST_ANGLE <= value <= np.pi:
-        return float(value)
-    expected = f"expected an angle in radians, {_LEAST_ANGLE} to pi, or {otherwise!r}"
-    raise OptionError(f"{name} is {value!r}; {expected}")
-
-
-def _time_limit(value: float | None) -> float:
-    return math.inf if value is None else _nonnegative("time_limit", value)
-
-
-def _callback(value: Callback | None) -> Callback | None:
-    if not (value is None or callable(value)):
-        raise OptionError(f"callback is {value!r}; expected a function or None")
-    return value
-
-
-def _word(name: str, value: str) -> str:  # any: the core knows which there are
-    if not isinstance(value, str):
-        raise OptionError(f"{name} is {value!r}; expected a word (str)")
-    return value
-
-
-def _whole(name: str, value: int, low: int, high: int) -> int:
-    if not (isinstance(value, (int, np.integer)) and low <= value <= high):
-        raise OptionError(f"{name} is {value!r}; expected a whole number from {low} to {high}")
-    return int(value)
-
-
-def _num_threads(value: int | None) -> int:
-    if value is not None:
-        return _whole("num_threads", value, 1, 4096)
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else (os.cpu_count() or 1)

@@ -63,6 +63,76 @@ def test_solve_prints_one_json_object(graph_file: Path) -> None:
     assert result["iterations"] == expected.iterations
 
 
+def test_a_solution_may_go_back_into_its_own_pose_graph(graph_file: Path) -> None:
+    before = rotavg.read(graph_file)
+    assert run("solve", graph_file, "-o", graph_file).returncode == 0
+    np.testing.assert_array_equal(rotavg.read(graph_file).rotations, before.rotations)
+
+
+def test_simulate_writes_what_is_true(tmp_path: Path) -> None:
+    arguments = ["simulate", "sphere", "-n", "60", "--noise", "0.05", "--outliers", "0.1"]
+    files = ["-o", "g.g2o", "--truth", "truth.csv", "--outlier-edges", "wrong.csv"]
+    assert run(*arguments, *files, cwd=tmp_path).returncode == 0
+    simulation = rotavg.simulate("sphere", 60, noise=0.05, outliers=0.1)
+    _, rotations = rotavg.read_rotations(tmp_path / "truth.csv")
+    np.testing.assert_allclose(rotations, simulation.ground_truth, atol=1e-12)
+    header, *rows = (tmp_path / "wrong.csv").read_text().splitlines()
+    assert header == "i,j"
+    assert rows == [f"{i},{j}" for i, j in simulation.graph.edges[simulation.is_outlier]]
+    assert run("compare", "truth.csv", "truth.csv", cwd=tmp_path).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("p.graph", ["the poses of 2 vertices", "which 1 vertices are fixed"]),
+        ("p.npz", ["the poses of 2 vertices", "which 1 vertices are fixed"]),
+        ("p.csv", ["the translations", "the poses of 2 vertices", "which 1 vertices are fixed"]),
+        ("p2.g2o", []),
+    ],
+)
+def test_convert_tells_what_is_lost(name: str, told: list[str], tmp_path: Path) -> None:
+    information = " ".join("1" if i == j else "0" for i in range(6) for j in range(i, 6))
+    (tmp_path / "p.g2o").write_text(
+        "VERTEX_SE3:QUAT 0 1 2 3 0 0 0 1\nVERTEX_SE3:QUAT 1 2 2 3 0 0 0 1\nFIX 0\n"
+        f"EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 {information}\n"
+    )
+    done = run("convert", "p.g2o", name, cwd=tmp_path)
+    notes = [line for line in done.stderr.splitlines() if line.startswith("note: ")]
+    assert [note for note in notes if not any(words in note for words in told)] == []
+    assert len(notes) == len(told)
+    done = run("convert", "p.g2o", name, "--json", cwd=tmp_path)
+    assert len(json.loads(done.stdout)["notes"]) == len(told)
+
+
+def test_zero_positions_are_told(tmp_path: Path) -> None:
+    done = run("simulate", "cycle", "-n", "5", "-o", "c.g2o", cwd=tmp_path)
+    assert "note: c.g2o: the graph has no translations" in done.stderr
+    done = run("solve", "c.g2o", "-o", "s.g2o", cwd=tmp_path)
+    assert "note: s.g2o: the graph has no translations" in done.stderr
+
+
+def test_standard_output_that_takes_nothing_is_told(graph_file: Path) -> None:
+    for arguments, redirection in (("solve", ">/dev/full"), ("info --json", ">&-")):
+        command = f"{sys.executable} -m rotavg {arguments} {graph_file} {redirection}"
+        done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+        assert done.returncode == 2
+        assert done.stderr.startswith("Error: standard output: cannot be written: ")
+        assert len(done.stderr.splitlines()) == 1
+
+
+def test_too_little_memory_is_told(tmp_path: Path) -> None:
+    done = run("simulate", "complete", "-n", "100000000", "-o", tmp_path / "out.txt")
+    assert done.returncode == 2
+    assert done.stderr.startswith("Error: there is not enough memory")
+
+
+def test_certificate_tolerance(graph_file: Path) -> None:
+    done = run("solve", graph_file, "--certificate-tolerance", "0", "--json")
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["certificate"]["verdict"] == "not_certified"
+
+
 def test_accelerate_takes_fewer_iterations(graph_file: Path) -> None:
     iterations = []
     for extra in ([], ["--accelerate"]):
@@ -120,6 +190,16 @@ def test_no_certify(graph_file: Path) -> None:
         (["info", "graph.g2o", "--format", "csv"], "graph.g2o:1: found"),
         (["info", "graph.g2o", "--convention", "vision"], "g2o is in the pose family"),
         (["info", "."], "cannot be read: Is a directory"),
+        (["solve", "graph.g2o", "--edges", "link.g2o"], "link.g2o: it would replace another file"),
+        (["solve", "graph.g2o", "--covariances", "graph.g2o"], "would replace another file"),
+        (["solve", "graph.g2o", "-o", "a.g2o", "--edges", "./a.g2o"], "would replace another file"),
+        (["solve", "graph.g2o", "--fixed", "f", "-o", "f", "--output-format", "csv"], "replace"),
+        (["solve", "graph.g2o", "-o", "graph.g2o", "--output-format", "csv"], "would replace"),
+        (["solve", "graph.g2o", "--edges", "-"], "-: cannot be written: standard output is /dev"),
+        (["solve", "graph.g2o", "-o", "-", "--output-format", "csv"], "standard output is /dev"),
+        (["solve", "graph.g2o", "--loss-scale", "5"], "--loss-scale is for --loss, which"),
+        (["solve", "graph.g2o", "--output-format", "csv"], "--output-format is for --output"),
+        (["solve", "-"], "-: cannot be read: standard input is /dev/stdin"),
     ],
 )
 def test_bad_input_is_exit_status_2_with_one_clear_message(
@@ -127,6 +207,7 @@ def test_bad_input_is_exit_status_2_with_one_clear_message(
 ) -> None:
     folder = graph_file.parent
     (folder / "empty.g2o").touch()
+    (folder / "link.g2o").symlink_to("graph.g2o")
     before = sorted(folder.iterdir())
     done = run(*arguments, cwd=folder)
     assert done.returncode == 2
@@ -160,8 +241,8 @@ def update(tmp_path: Path) -> Path:
     rotavg.write(tmp_path / "older.csv", rotavg.solve(graph.subgraph(range(90))))
     rotavg.write(tmp_path / "older.npz", rotavg.solve(graph))
     (tmp_path / "chordal").write_bytes((tmp_path / "older.csv").read_bytes())
-    (tmp_path / "other.txt").write_text("1000 0 0 0 1\n1001 0 0 0 1\n")
-    (tmp_path / "bad.txt").write_text("1 0 0 0 1\n2 0 0 0\n")
+    (tmp_path / "other.txt").write_text("# id qx qy qz qw\n1000 0 0 0 1\n1001 0 0 0 1\n")
+    (tmp_path / "bad.txt").write_text("# id qx qy qz qw\n1 0 0 0 1\n2 0 0 0\n")
     np.savez(tmp_path / "none.npz", nodes=np.arange(0), rotations=np.empty((0, 3, 3)))
     np.savez(tmp_path / "wrong.npz", nodes=np.arange(9), rotations=np.ones((9, 3, 3)))
     return tmp_path
@@ -194,10 +275,10 @@ def test_a_word_goes_before_a_file_of_the_same_name(update: Path) -> None:
         ("missing.csv", "'missing.csv' is not one of auto, shortest_path"),
         ("chordall", "nor a file that is there"),
         ("other.txt", "other.txt: none of its 2 nodes is in the graph, expected ids as in the"),
-        ("bad.txt", "bad.txt:2: found 4 fields"),
+        ("bad.txt", "bad.txt:3: found 4 fields"),
         ("graph.csv", "graph.csv:"),
         ("none.npz", "none.npz: "),
-        ("wrong.npz", "wrong.npz: the matrix of node 0 is not a rotation"),
+        ("wrong.npz", "wrong.npz: rotations of node 0 is no rotation"),
         ("", "'' is not one of auto"),
         (".", "cannot be read: Is a directory"),
     ],

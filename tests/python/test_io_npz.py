@@ -33,6 +33,17 @@ def test_round_trip(tmp_path: Path, names: bool) -> None:
     assert set(read(tmp_path / "graph.npz", unit_weights=True).weights) == {1.0}
 
 
+def test_covariances_come_back(tmp_path: Path) -> None:
+    graph = simulate("cycle", 5, seed=1).graph
+    covariances = np.eye(3) * np.array([1.0, 2.0, 3.0]) * np.arange(1, 6)[:, None, None]
+    graph = MeasurementGraph(graph.edges, graph.rotations, covariances=covariances)
+    write(tmp_path / "graph.npz", graph)
+    again = read(tmp_path / "graph.npz")
+    assert again.covariances is not None
+    np.testing.assert_array_equal(again.covariances, covariances)
+    assert again.notes == ()
+
+
 def test_solution(tmp_path: Path) -> None:
     answer = random_answer(simulate("cycle", 5, seed=1).graph, seed=1)
     write(tmp_path / "answer.npz", answer)

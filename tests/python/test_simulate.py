@@ -50,6 +50,16 @@ def test_seed_decides(kind: str) -> None:
     assert not np.array_equal(first.graph.rotations, other.graph.rotations)
 
 
+@pytest.mark.parametrize("kind", ["grid", "sphere"])
+def test_translations_are_those_between_the_positions(kind: str) -> None:
+    simulation = simulate(kind, 60, noise=0.2, outliers=0.2, seed=3)
+    x, R, measured = simulation.positions, simulation.ground_truth, simulation.graph.translations
+    assert x is not None
+    assert measured is not None
+    for (i, j), t in zip(simulation.graph.edges.tolist(), measured.vectors):
+        np.testing.assert_allclose(t, R[i].T @ (x[j] - x[i]), atol=1e-12)
+
+
 def test_shapes_of_the_graphs() -> None:
     assert pairs(simulate("complete", 6)) == {(i, j) for j in range(6) for i in range(j)}
     assert simulate("cycle", 4).graph.edges.tolist() == [[0, 1], [1, 2], [2, 3], [3, 0]]

@@ -10,8 +10,8 @@ import numpy as np
 
 import rotavg
 from rotavg.cli import options
-from rotavg.cli.output import print_json, print_notes, working
-from rotavg.io import check_writable
+from rotavg.cli.output import print_json, print_losses, print_notes, working
+from rotavg.io import check_writable, losses
 
 
 @click.command(short_help="Write a measurement graph in another format.")
@@ -48,10 +48,11 @@ def convert(
     if as_json:
         print_json({
             "nodes": graph.num_nodes, "edges": graph.num_edges, "output": str(output_path),
-            "notes": list(graph.notes),
+            "notes": [*graph.notes, *losses(output_path, graph, output_format)],
         })  # fmt: skip
     else:
         print_notes(graph)
         click.echo(
             f"wrote {output_path}: {graph.num_nodes} nodes, {graph.num_edges} edges", err=True
         )
+        print_losses(output_path, graph, output_format)

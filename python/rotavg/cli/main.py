@@ -27,7 +27,7 @@ INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 @click.group(
     cls=Commands,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog="Exit status: 0 solved (or done), 1 not solved, 2 bad input or usage.",
+    epilog="Exit status: 0 solved (or done), 1 not solved, 2 bad input or usage, 130 interrupted.",
 )
 @click.version_option(rotavg.__version__, package_name="rotavg")
 def commands() -> None:
@@ -60,6 +60,9 @@ def run() -> None:
         status = error.exit_code
     except rotavg.Error as error:
         print_error(str(error))
+        status = 2
+    except MemoryError as error:
+        print_error(f"there is not enough memory: {error}".rstrip(": "))
         status = 2
     except (click.Abort, KeyboardInterrupt):
         click.echo("interrupted", err=True)

@@ -6,10 +6,12 @@ Colours are left to rich: it uses them on terminals alone, and honours NO_COLOR 
 from __future__ import annotations
 
 import math
+import io
 import os
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Callable, Optional
 
 import click
@@ -20,6 +22,7 @@ from rich.table import Table
 from rich.text import Text
 
 import rotavg
+from rotavg.io import losses
 from rotavg.json_text import json_text
 
 Callback = Optional[Callable[[rotavg.Progress], None]]
@@ -27,14 +30,19 @@ Callback = Optional[Callable[[rotavg.Progress], None]]
 
 def print_text(text: str) -> None:
     """Text on stdout. Where its reader has gone, as in `rotavg info graph.g2o | head -1`, the rest
-    is lost, and that is no error.
+    is lost, and that is no error; FileAccessError where it cannot be written otherwise.
     """
+    if sys.stdout is None:  # it was closed before we began
+        raise rotavg.FileAccessError("cannot be written: it is closed", path="standard output")
     try:
         sys.stdout.write(text + "\n")
         sys.stdout.flush()
-    except BrokenPipeError:
+    except OSError as error:
         # What is left in the buffer must not fail again when Python closes stdout.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            reason = f"cannot be written: {error.strerror}"
+            raise rotavg.FileAccessError(reason, path="standard output") from error
 
 
 def print_json(value: dict[str, Any]) -> None:
@@ -62,10 +70,12 @@ def print_solution(solution: rotavg.Solution) -> None:
     text.highlight_regex(r"\A(Not solved|Solved)", "bold green" if solution.solved else "bold red")
     # rich styles a group of the match by the group's name.
     text.highlight_regex(rf"(?m)^  verdict +(?P<{_verdict_style(solution.certificate)}>.+)")
-    console = Console(highlight=False, soft_wrap=True)
-    with console.capture() as capture:
-        console.print(text, end="")
-    print_text(capture.get())
+    rendered = io.StringIO()
+    on_terminal = sys.stdout is not None and sys.stdout.isatty()
+    Console(file=rendered, force_terminal=on_terminal, highlight=False, soft_wrap=True).print(
+        text, end=""
+    )
+    print_text(rendered.getvalue())
 
 
 def _verdict_style(certificate: rotavg.Certificate | None) -> str:
@@ -85,6 +95,12 @@ def print_notes(graph: rotavg.MeasurementGraph) -> None:
     """What the reader wants its user to know, on stderr."""
     for note in graph.notes:
         click.echo(f"note: {note}", err=True)
+
+
+def print_losses(path: Path, graph: rotavg.MeasurementGraph, format: str | None = None) -> None:
+    """What of the graph is not in the file that was written, on stderr."""
+    for loss in losses(path, graph, format):
+        click.echo(f"note: {path}: {loss}", err=True)
 
 
 @contextmanager

@@ -30,7 +30,7 @@ _OPTIONS = (
         "--gravity-weight",
         type=click.FloatRange(1e-100, 1e100),
         metavar="X",
-        help="What a tilt counts, as the weight of an edge.  [default: 100 times the median]",
+        help="What a tilt counts, as the weight of an edge.  [default: the edges' median]",
     ),
 )
 
@@ -58,7 +58,7 @@ def read_priors(
     if fixed is None and gravity is None:
         return None
     if weight is None:
-        weight = 100 * float(np.median(graph.weights))
+        weight = float(np.median(graph.weights))
     rotations: dict[Any, Any] = {}
     downs: dict[Any, Any] = {}
     if fixed is not None:

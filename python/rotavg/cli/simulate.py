@@ -10,8 +10,9 @@ import click
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.options import number
-from rotavg.cli.output import print_json, working
-from rotavg.io import check_writable
+from rotavg.cli.output import print_json, print_losses, working
+from rotavg.io import atomic, check_writable
+from rotavg.io.edges import write_edge_list
 from rotavg.simulate import KINDS
 
 
@@ -33,6 +34,18 @@ from rotavg.simulate import KINDS
     required=True,
     help="A .g2o, .graph, .txt, .csv or .npz file.",
 )
+@click.option(
+    "--truth",
+    "truth_path",
+    type=options.PATH,
+    help="Write the true rotations, for `rotavg compare`: a .csv, .txt, .npz, .g2o or .tum file.",
+)
+@click.option(
+    "--outlier-edges",
+    "outliers_path",
+    type=options.PATH,
+    help="Write a CSV file: the ids of the edges that are outliers.",
+)
 @number("--noise", click.FloatRange(0), 0.0, "Standard deviation of the noise angle, radians.")
 @number("--drop", click.FloatRange(0, 1), 0.0, "Fraction of edges to leave out.")
 @number("--density", click.FloatRange(0, 1), 0.1, "Of erdos_renyi: probability of an edge.")
@@ -46,18 +59,36 @@ from rotavg.simulate import KINDS
 )
 @number("--seed", click.IntRange(0), 0, "The same seed gives the same graph.")
 @options.as_json
-def simulate(kind: str, n: int, output: Path, as_json: bool, **settings: Any) -> None:
+def simulate(
+    kind: str,
+    n: int,
+    output: Path,
+    truth_path: Path | None,
+    outliers_path: Path | None,
+    as_json: bool,
+    **settings: Any,
+) -> None:
     """Simulate a measurement graph with known noise and write it to a file.
 
     \b
     Examples:
       rotavg simulate sphere -n 2500 --noise 0.1 -o sphere.g2o
       rotavg simulate complete -n 200 --noise 0.5 --drop 0.3 --seed 7 -o graph.txt
+      rotavg simulate band -n 500 --outliers 0.2 -o graph.txt --truth truth.csv
     """
     check_writable(output)
+    if truth_path is not None:
+        check_writable(truth_path, solution=True)
+    if outliers_path is not None:
+        atomic.check_writable(outliers_path)
+    atomic.check_distinct([output, truth_path, outliers_path])
     with working(f"simulating {n} nodes"):
         simulation = rotavg.simulate(kind, n, **settings)
         rotavg.write(output, simulation.graph)
+        if truth_path is not None:
+            rotavg.write(truth_path, simulation.truth)
+        if outliers_path is not None:
+            write_edge_list(outliers_path, simulation.graph.edges[simulation.is_outlier])
     graph = simulation.graph
     if as_json:
         print_json({
@@ -67,3 +98,7 @@ def simulate(kind: str, n: int, output: Path, as_json: bool, **settings: Any) ->
         })  # fmt: skip
     else:
         click.echo(f"wrote {output}: {graph.num_nodes} nodes, {graph.num_edges} edges", err=True)
+        print_losses(output, graph)
+        for path in (truth_path, outliers_path):
+            if path is not None:
+                click.echo(f"wrote {path}", err=True)

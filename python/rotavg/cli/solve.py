@@ -16,7 +16,14 @@ import rotavg
 from rotavg.cli import options
 from rotavg.cli.command import Command
 from rotavg.cli.options import choice, number
-from rotavg.cli.output import print_json, print_notes, print_solution, progress, working
+from rotavg.cli.output import (
+    print_json,
+    print_losses,
+    print_notes,
+    print_solution,
+    progress,
+    working,
+)
 from rotavg.cli.priors import check_prior_options, prior_options, read_priors
 from rotavg.cli.start import init_option, read_start
 from rotavg.io import atomic, check_writable
@@ -39,7 +46,7 @@ from rotavg.report import Run, check_report, write_report
         "When to stop": ("tolerance", "stop", "max_iterations", "time_limit"),
     },
     epilog="Exit status: 0 solved (certified, or converged with --no-certify), 1 not solved, "
-    "2 bad input or usage.",
+    "2 bad input or usage, 130 interrupted.",
 )
 @click.argument("input_path", metavar="INPUT", type=options.PATH)
 @click.option(
@@ -119,6 +126,12 @@ from rotavg.report import Run, check_report, write_report
     is_flag=True,
     help="Refine by the covariances that a g2o file has: a local optimum, without certificate.",
 )
+@number(
+    "--certificate-tolerance",
+    click.FloatRange(0),
+    1e-6,
+    "Largest relative gap that is called optimal.",
+)
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
 @options.input_format
 @options.output_solution
@@ -158,12 +171,21 @@ def solve(
     if cycle_threshold is not None:
         settings["cycle_threshold"] = math.radians(cycle_threshold)
     if output is not None:
-        check_writable(output, output_format, solution=True)  # before the work, not after it
+        # Before the work, not after it.
+        check_writable(output, output_format, solution=True, source=input_path)
     if noise_variance is not None and covariances_path is None:
         raise click.UsageError("--noise-variance is for --covariances, which is not given")
+    if settings["loss"] == "l2" and loss_scale != "auto":
+        raise click.UsageError("--loss-scale is for --loss, which is not given or l2")
+    if output_format is not None and output is None:
+        raise click.UsageError("--output-format is for --output, which is not given")
     check_prior_options(gravity_path, gravity_weight)
     if report is not None:
-        check_report(report, input_path, output, edges_path, covariances_path)
+        check_report(report)
+    init = settings["init"]
+    known = [fixed_path, gravity_path, init if isinstance(init, Path) else None]
+    atomic.check_distinct([output], known)
+    atomic.check_distinct([edges_path, covariances_path, report], [input_path, output, *known])
     for path in (edges_path, covariances_path):
         if path is not None:
             atomic.check_writable(path)
@@ -201,6 +223,8 @@ def solve(
         for path in (output, edges_path, covariances_path, report):
             if path is not None:
                 click.echo(f"wrote {path}", err=True)
+        if output is not None and graph.translations is None:
+            print_losses(output, graph, output_format)
     return 0 if solution.solved else 1
 
 

@@ -5,7 +5,7 @@ A further format is one more file with a `Format` in it, listed in `formats.py`.
 
 from rotavg.io.covariances import write_covariances
 from rotavg.io.edges import write_edges
-from rotavg.io.formats import FORMATS, check_writable, read, write
+from rotavg.io.formats import FORMATS, check_writable, losses, read, write
 from rotavg.io.gravity import read_gravity, write_gravity
 from rotavg.io.registry import Format
 from rotavg.io.rotations import read_rotations
@@ -14,6 +14,7 @@ __all__ = [
     "FORMATS",
     "Format",
     "check_writable",
+    "losses",
     "read",
     "read_gravity",
     "read_rotations",

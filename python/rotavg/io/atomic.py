@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -69,7 +69,9 @@ def new_file(path: Path) -> Iterator[Path]:
 def check_writable(path: Path) -> None:
     """FileAccessError if it can be told beforehand that `write_files` would fail."""
     folder = Path(os.path.realpath(path)).parent
-    if path.is_dir():
+    if str(path) == "-":
+        reason = "standard output is /dev/stdout"
+    elif path.is_dir():
         reason = "it is a folder"
     elif not folder.is_dir():
         reason = f"there is no folder {folder}"
@@ -78,6 +80,22 @@ def check_writable(path: Path) -> None:
     else:
         return
     raise FileAccessError(f"cannot be written: {reason}", path=path)
+
+
+def check_distinct(outputs: Iterable[Path | None], inputs: Iterable[Path | None] = ()) -> None:
+    """FileAccessError if an output would replace an input or another output; None is no file.
+
+    Links count as what they lead to. Pipes and devices may be named more than once.
+    """
+    taken = {_target(path) for path in inputs if path is not None}
+    for path in outputs:
+        if path is None or (path.exists() and not path.is_file()):
+            continue
+        if _target(path) in taken:
+            raise FileAccessError(
+                "it would replace another file of this run, expected a name of its own", path=path
+            )
+        taken.add(_target(path))
 
 
 def _target(path: Path) -> Path:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import csv
 import io
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotavg.ids import IdArray
 from rotavg.io import atomic
 
 if TYPE_CHECKING:
@@ -26,17 +28,27 @@ def write_edges(path: str | os.PathLike[str], solution: Solution) -> None:
 
     Raises FileAccessError if the file cannot be written; what was there before is untouched.
     """
+    rows = zip(
+        *solution.graph.edges.T.tolist(),
+        np.degrees(solution.residual_angles).tolist(),
+        solution.graph.weights.tolist(),
+        solution.edge_weights.tolist(),
+        solution.is_outlier.astype(int).tolist(),
+        solution.edge_verdicts.tolist(),
+    )
+    _write(path, HEADER, rows)
+
+
+def write_edge_list(path: str | os.PathLike[str], edges: IdArray) -> None:
+    """Write the ids (k, 2) of edges, a line each, under a header; errors as in `write_edges`."""
+    _write(path, HEADER[:2], edges.tolist())
+
+
+def _write(
+    path: str | os.PathLike[str], header: tuple[str, ...], rows: Iterable[Iterable[object]]
+) -> None:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(HEADER)
-    writer.writerows(
-        zip(
-            *solution.graph.edges.T.tolist(),
-            np.degrees(solution.residual_angles).tolist(),
-            solution.graph.weights.tolist(),
-            solution.edge_weights.tolist(),
-            solution.is_outlier.astype(int).tolist(),
-            solution.edge_verdicts.tolist(),
-        )
-    )
+    writer.writerow(header)
+    writer.writerows(rows)
     atomic.write_files({Path(path): stream.getvalue().encode()})

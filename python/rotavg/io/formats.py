@@ -25,6 +25,7 @@ from rotavg.io import (
     text,
     tum,
 )
+from rotavg.io.g2o_write import PoseFile
 from rotavg.io.registry import Format, ReadOptions, SolutionLike, Writable
 
 # In the order in which they are asked whether they recognise a content: the vaguest come last.
@@ -121,16 +122,44 @@ def write(
 
 
 def check_writable(
-    path: str | os.PathLike[str], format: str | None = None, *, solution: bool = False
+    path: str | os.PathLike[str],
+    format: str | None = None,
+    *,
+    solution: bool = False,
+    source: Path | None = None,
 ) -> None:
     """Raise what `write` would raise for this path, as far as it can be told before the work.
 
-    `solution` says that it is a solution that will be written, not a graph.
+    `solution` says that it is a solution that will be written, not a graph; `source` where its
+    graph is from, a file that only a format that puts the solution back into it may replace.
     """
     path, chosen = _output(path, format)
     chosen.check_writes(path, solution)
+    if not chosen.puts_back:
+        atomic.check_distinct([path], [source])
     new_folder = chosen.main_file and not path.parent.exists()
     atomic.check_writable(path.parent if new_folder else path)
+
+
+def losses(
+    path: str | os.PathLike[str], graph: MeasurementGraph, format: str | None = None
+) -> tuple[str, ...]:
+    """What of a graph is not in the file that `write` makes of it, or is made up; weights apart."""
+    _, chosen = _output(path, format)
+    told = []
+    if graph.translations is not None and not chosen.has_translations:
+        told.append(f"the translations are not in it, {chosen.name} has no place for them")
+    if graph.translations is None and chosen.puts_back:
+        told.append("the graph has no translations: those in it are zero and mean nothing")
+    source = graph.source
+    if isinstance(source, PoseFile) and not (
+        chosen.puts_back and chosen.recognises(source.data[: registry.HEAD_SIZE])
+    ):
+        if source.vertices:
+            told.append(f"the poses of {len(source.vertices)} vertices are not in it")
+        if source.fixed:
+            told.append(f"which {len(source.fixed)} vertices are fixed is not in it")
+    return tuple(told)
 
 
 def _output(path: str | os.PathLike[str], format: str | None) -> tuple[Path, Format]:

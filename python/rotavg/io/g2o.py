@@ -244,6 +244,8 @@ G2O = Format(
     recognises=lambda head: _G2O_TAG.search(head) is not None,
     read=read_g2o,
     write=g2o_write.write_g2o,
+    has_translations=True,
+    puts_back=True,
     rotations=RotationReader(
         (), read_vertices, lambda head: _G2O_TAG.search(head) is not None, (".g2o",)
     ),
@@ -254,6 +256,8 @@ TORO = Format(
     recognises=lambda head: _TORO_TAG.search(head) is not None,
     read=read_g2o,
     write=g2o_write.write_toro,
+    has_translations=True,
+    puts_back=True,
     rotations=RotationReader(
         (),
         read_vertices,

@@ -1,11 +1,11 @@
 """NumPy's npz: arrays as they are, pose family; nothing is unpickled.
 
 A graph is `edges` (m, 2) and `rotations` (m, 3, 3), also known as `relative_rotations`, with
-`weights` (m,), `nodes` (n,), and of a pose graph `translations` (m, 3) with their
-`translation_information` (m, 3, 3), if need be. A solution says so in `kind` and holds `nodes`,
-`edges`, `rotations` (n, 3, 3), `quaternions` (n, 4) xyzw, its figures, and, if they were computed,
-`covariances` (n, 3, 3). A graph with known rotations has `ground_truth` (n, 3, 3), and if need be
-`has_ground_truth` (n,), which rows of it are known.
+`weights` (m,), `nodes` (n,), `covariances` (m, 3, 3), and of a pose graph `translations` (m, 3)
+with their `translation_information` (m, 3, 3), if need be. A solution says so in `kind` and holds
+`nodes`, `edges`, `rotations` (n, 3, 3), `quaternions` (n, 4) xyzw, its figures, and, if they were
+computed, `covariances` (n, 3, 3). A graph with known rotations has `ground_truth` (n, 3, 3), and if
+need be `has_ground_truth` (n,), which rows of it are known.
 """
 
 from __future__ import annotations
@@ -57,6 +57,7 @@ def read_npz(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     weights, nodes = arrays.pop("weights", None), arrays.pop("nodes", None)
     vectors = arrays.pop("translations", None)
     information = arrays.pop("translation_information", None)
+    covariances = arrays.pop("covariances", None)
     notes = (f"arrays not read: {', '.join(arrays)}",) if arrays else ()
     with blame_line(path):
         translations = None if vectors is None else RelativeTranslations(vectors, information)
@@ -68,6 +69,7 @@ def read_npz(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
             None if options.unit_weights else weights,
             nodes,
             convention=options.convention,
+            covariances=None if options.unit_weights else covariances,
             translations=translations,
             notes=notes,
         )
@@ -154,6 +156,8 @@ def write_npz(path: Path, item: Writable) -> bytes:
         if item.translations is not None:
             arrays["translations"] = item.translations.vectors
             arrays["translation_information"] = item.translations.information
+        if item.covariances is not None:
+            arrays["covariances"] = item.covariances
     else:
         arrays = {
             "kind": "solution",
@@ -192,5 +196,6 @@ NPZ = Format(
     read=read_npz,
     write=write_npz,
     any_convention=True,
+    has_translations=True,
     rotations=RotationReader((), read_npz_rotations, _is_archive, (".npz",)),
 )

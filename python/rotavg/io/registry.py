@@ -69,6 +69,8 @@ class Format:
         any_convention: whether users may say that a file is in the other family.
         has_graphs, has_solutions: what can be written.
         has_weights: whether a graph's weights can be written.
+        has_translations: whether a graph's translations can be written.
+        puts_back: whether a solution goes back into the file that its graph came from.
         magic: a beginning that tells that the reader opens the file itself.
         main_file: of a format that is a folder, the file in it that is read.
         rotations: how it carries absolute rotations. None: it does not, or they are not read.
@@ -84,6 +86,8 @@ class Format:
     has_graphs: bool = True
     has_solutions: bool = True
     has_weights: bool = True
+    has_translations: bool = False
+    puts_back: bool = False
     magic: bytes = b""
     main_file: str = ""
     rotations: RotationReader | None = None
@@ -179,6 +183,9 @@ def read_bytes(
 
     Raises FileAccessError if it cannot be read, FormatError if it is empty.
     """
+    if str(path) == "-":
+        reason = "standard input is /dev/stdin"
+        raise FileAccessError(f"cannot be read: {reason}", path=path)
     try:
         data = _magic_of(formats, path) or path.read_bytes()
     except OSError as error:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rotavg import _core
-from rotavg.errors import FileAccessError, FormatError, require
+from rotavg.errors import FormatError, require
 from rotavg.io import atomic
 from rotavg.report import charts, robust, tables
 from rotavg.report.space import space
@@ -61,22 +61,13 @@ def write_report(
     atomic.write_files({Path(path): html(solution, run, title=title).encode()})
 
 
-def check_report(path: str | os.PathLike[str], *others: Path | None) -> None:
-    """Raise what `write_report` would raise, as far as it can be told before the work.
-
-    Raises FileAccessError, too, if the page would replace one of the files `others`.
-    """
+def check_report(path: str | os.PathLike[str]) -> None:
+    """Raise what `write_report` would raise, as far as it can be told before the work."""
     path = Path(path)
     for module in ("plotly.graph_objects", "jinja2"):
         require(module, "report")
     if path.suffix.lower() not in SUFFIXES and not (path.exists() and not path.is_file()):
         raise FormatError("the name of a report ends in .html", path=path)
-    for other in others:
-        if other is not None and os.path.realpath(path) == os.path.realpath(other):
-            raise FileAccessError(
-                "the report would replace another file of this run, expected a name of its own",
-                path=path,
-            )
     atomic.check_writable(path)
 
 

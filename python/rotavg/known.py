@@ -1,0 +1,42 @@
+"""Rotations of a graph's nodes that no solver found: ground truth, somebody else's solution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg.arrays import as_floats, read_only
+from rotavg.conventions import first_no_rotation, quaternions_from_matrices
+from rotavg.errors import GraphError
+from rotavg.graph import MeasurementGraph
+
+
+@dataclass(frozen=True, eq=False)
+class KnownRotations:
+    """Rotations for `rotavg.write`, which writes them as it does a solution's.
+
+    Attributes:
+        graph: whose nodes they are of, n.
+        rotations: (n, 3, 3) world_from_node, rows as in `graph.nodes`.
+
+    Raises:
+        GraphError: these are not n rotations.
+    """
+
+    graph: MeasurementGraph
+    rotations: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        rotations = as_floats(self.rotations, (self.graph.num_nodes, 3, 3), "rotations")
+        bad = first_no_rotation(rotations)
+        if bad is not None:
+            node = self.graph.nodes[bad].item()
+            raise GraphError(f"the matrix of node {node!r} is not a rotation")
+        object.__setattr__(self, "rotations", read_only(rotations))
+
+    @property
+    def quaternions(self) -> NDArray[np.float64]:
+        """(n, 4), the same as xyzw."""
+        return quaternions_from_matrices(self.rotations)
