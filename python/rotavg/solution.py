@@ -273,9 +273,11 @@ class Solution:
             rows.append(("uncertainty", f"{about} (RMS angle relative to the gauge)"))
         if self.robust is not None:
             rows += self.robust.rows(self.num_components)
-        elif self.status.converged:  # residuals on the way there say nothing of the measurements
-            if advice := contamination(self.residual_angles, self.graph.weights):
-                rows.append(("outliers?", advice))
+        # Residuals on the way to the answer say nothing of the measurements.
+        elif self.status.converged and (
+            advice := contamination(self.residual_angles, self.graph.weights)
+        ):
+            rows.append(("outliers?", advice))
         return rows
 
     def _verdict_sentence(self, c: Certificate) -> str:

@@ -32,6 +32,50 @@ def turned(R: Array, angle: float, rng: np.random.Generator) -> Array:
     return matrices_from_rotvecs(angle * rng.standard_normal((len(R), 3))) @ R
 
 
+# i, j, rotation vector of R_ij, weight; and rotation vectors: here an iteration that does not renew
+# the images of its vectors drifts off and ends at a positive eigenvalue.
+SLOW_EDGES = [
+    (1, 0, (-0.933, 2.543, 1.088), 0.046),
+    (2, 0, (0.113, 0.717, -3.013), 0.005),
+    (1, 3, (0.646, -1.371, 2.202), 0.079),
+    (4, 0, (-1.852, 2.241, 0.899), 29.83),
+    (5, 1, (1.038, -2.638, -0.083), 9.281),
+    (3, 6, (0.835, 1.792, 0.9), 1.625),
+    (2, 7, (0.161, -2.293, 1.734), 0.107),
+    (8, 2, (-0.273, 2.296, 0.771), 1.882),
+    (9, 8, (-0.691, -1.288, -2.632), 1.44),
+    (4, 3, (0.003, 0.717, 3.009), 140.6),
+    (6, 1, (0.589, -0.332, -2.266), 2.888),
+    (9, 0, (2.088, 0.139, 1.075), 598.1),
+    (9, 7, (1.526, 0.07, 1.889), 0.001),
+]
+SLOW_ROTATIONS = [
+    (0.001, -0.01, 0.064),
+    (-0.444, -0.982, -1.823),
+    (-0.54, -1.791, -1.167),
+    (-1.69, -1.408, 0.336),
+    (1.764, -2.264, -1.044),
+    (1.124, 1.684, -1.407),
+    (-0.99, 0.661, -0.101),
+    (2.148, 0.862, -1.093),
+    (0.661, 1.808, 0.047),
+    (-2.333, -0.171, -1.172),
+]
+
+
+def test_lambda_min_where_the_iteration_is_slow() -> None:
+    from rotavg.conventions import matrices_from_rotvecs
+
+    i, j, rotvecs, weights = zip(*SLOW_EDGES)
+    graph = rotavg.MeasurementGraph.from_rotvecs(
+        np.column_stack([i, j]), np.array(rotvecs), weights=weights, nodes=range(10)
+    )
+    R = matrices_from_rotvecs(np.array(SLOW_ROTATIONS))
+    smallest = np.linalg.eigvalsh(dense_certificate_matrix(graph, R))[0]
+    assert smallest == pytest.approx(-17.98, abs=0.01)
+    assert rotavg.certify(graph, R).lambda_min == pytest.approx(smallest, rel=1e-6)
+
+
 @pytest.mark.parametrize("seed", range(50))
 def test_lambda_min_and_gap_agree_with_a_dense_eigendecomposition(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -5,8 +5,8 @@ Colours are left to rich: it uses them on terminals alone, and honours NO_COLOR 
 
 from __future__ import annotations
 
-import math
 import io
+import math
 import os
 import sys
 from collections.abc import Iterable, Iterator
