@@ -28,7 +28,8 @@ class RobustFit:
         loss: the loss that was used ("auto" has chosen one).
         scale: its scale, radians.
         noise: estimated standard deviation of the noise angle of one edge, radians.
-        threshold: edges with larger residuals are outliers: 3 times the noise; of "tls" the scale.
+        threshold: edges with larger residuals are outliers: 3 times the noise; of "tls" the scale;
+            of "l2" (with a cycle check) pi, as it takes no other edge for an outlier.
         objective: the robust objective.
         edge_weights: (m,) the graph's weights times rho'(r) / (2 r), at least 1e-6 of them, so that
             the graph stays connected (of edges that the cycle check leaves out 1e-12).

@@ -279,3 +279,12 @@ def test_the_programs_of_the_page_run(capsys: pytest.CaptureFixture[str]) -> Non
         exec(block, {})
     assert "outliers" in capsys.readouterr().out
     assert blocks
+
+
+def test_least_squares_distrust_no_edge_but_those_that_the_cycle_check_leaves_out() -> None:
+    simulation = rotavg.simulate("erdos_renyi", 100, density=0.4, noise=0.03, outliers=0.3, seed=1)
+    solution = rotavg.solve(simulation.graph, cycle_threshold=0.1)
+    assert set(solution.edge_verdicts) == {"inlier", "cycle_check"}
+    found = solution.is_outlier
+    assert found[simulation.is_outlier].mean() > 0.9
+    assert found[~simulation.is_outlier].mean() < 0.05

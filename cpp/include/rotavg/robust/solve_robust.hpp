@@ -35,7 +35,7 @@ struct RobustOptions {
 struct RobustSolution : Solution {
   RobustLoss loss;                   ///< with the scale that was used
   double noise = 0.0;                ///< estimated standard deviation of the noise angle, radians
-  double threshold = 0.0;            ///< of outliers, radians
+  double threshold = 0.0;            ///< of outliers, radians; pi with Loss::l2, which has none
   double robust_objective = 0.0;     ///< 2 sum w rho(r^2) at `rotations`
   std::vector<double> edge_weights;  ///< (m,) given weight times robust weight
   EdgeVerdicts verdicts;
@@ -167,7 +167,9 @@ inline RobustSolution solve_robust(const MeasurementGraph& graph, const SolveOpt
   solution.edge_weights = weights_of(run.graph());
   solution.robust_objective = robust_objective(run.given(), x, loss, run.num_threads());
   solution.noise = noise;
-  solution.threshold = loss.kind == Loss::tls ? loss.scale : outlier_noises * solution.noise;
+  solution.threshold = outlier_noises * solution.noise;
+  if (loss.kind == Loss::tls) solution.threshold = loss.scale;
+  if (loss.kind == Loss::l2) solution.threshold = 3.141592653589793;  // believes everything
   solution.verdicts = edge_verdicts(graph, x, solution.threshold, refuted);
   return solution;
 }
