@@ -51,6 +51,9 @@ def test_solve_prints_one_json_object(graph_file: Path) -> None:
     assert done.returncode == 0
     assert done.stderr == ""
     result = json.loads(done.stdout)
+    assert 0 < result["residuals"]["median_deg"] < result["residuals"]["largest_deg"] < 180
+    assert result["priors"] is None
+    assert result["uncertainty"] is None
     assert result["nodes"] == 100
     assert result["components"] == 1
     assert result["status"] == "gradient_converged"

@@ -6,7 +6,6 @@ import math
 import shlex
 import sys
 import time
-from collections import Counter
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,6 +25,7 @@ from rotavg.cli.output import (
 )
 from rotavg.cli.priors import check_prior_options, prior_options, read_priors
 from rotavg.cli.start import init_option, read_start
+from rotavg.cli.summary import summary
 from rotavg.io import atomic, check_writable
 from rotavg.report import Run, check_report, write_report
 
@@ -217,7 +217,7 @@ def solve(
             with working(f"writing {report}"):
                 write_report(report, solution, _run(input_path, read_seconds))
     if as_json:
-        print_json(_summary(solution, read_seconds, time.perf_counter() - start))
+        print_json(summary(solution, read_seconds, time.perf_counter() - start))
     else:
         print_solution(solution)
         for path in (output, edges_path, covariances_path, report):
@@ -253,55 +253,3 @@ def _radians(scale: str) -> float | Literal["auto"]:
             param_hint="'--loss-scale'",
         )
     return math.radians(degrees)
-
-
-def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:
-    r = solution.robust
-    if r is None:
-        return None
-    return {
-        "loss": r.loss,
-        "scale_deg": math.degrees(r.scale),
-        "noise_deg": math.degrees(r.noise),
-        "threshold_deg": math.degrees(r.threshold),
-        "objective": r.objective,
-        "outliers": int(solution.is_outlier.sum()),
-        "verdicts": dict(Counter(r.edge_verdicts.tolist())),
-        "parts": r.num_parts,
-    }
-
-
-def _summary(solution: rotavg.Solution, read: float, total: float) -> dict[str, Any]:
-    c = solution.certificate
-    return {
-        "nodes": solution.graph.num_nodes,
-        "edges": solution.graph.num_edges,
-        "components": solution.num_components,
-        "method": solution.method,
-        "reason": solution.reason,
-        "init": solution.init,
-        "status": solution.status.name.lower(),
-        "solved": solution.solved,
-        "objective": solution.objective,
-        "gradient_norm": solution.gradient_norm,
-        "relative_gradient": solution.relative_gradient,
-        "iterations": solution.iterations,
-        "certificate": None
-        if c is None
-        else {
-            "verdict": c.verdict.value,
-            "lambda_min": c.lambda_min,
-            "gap": c.gap,
-            "relative_gap": c.relative_gap,
-            "method": c.method,
-        },
-        "robust": _robust(solution),
-        "notes": list(solution.graph.notes),
-        "seconds": {
-            "read": read,
-            "init": solution.timings.init,
-            "solve": solution.timings.solve,
-            "certify": solution.timings.certify,
-            "total": total,
-        },
-    }

@@ -1,0 +1,98 @@
+"""A solution as one JSON object: what `rotavg solve --json` prints."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+import rotavg
+
+
+def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:
+    r = solution.robust
+    if r is None:
+        return None
+    return {
+        "loss": r.loss,
+        "scale_deg": math.degrees(r.scale),
+        "noise_deg": math.degrees(r.noise),
+        "threshold_deg": math.degrees(r.threshold),
+        "objective": r.objective,
+        "outliers": int(solution.is_outlier.sum()),
+        "verdicts": dict(Counter(r.edge_verdicts.tolist())),
+        "parts": r.num_parts,
+    }
+
+
+def _residuals(solution: rotavg.Solution) -> dict[str, float]:
+    degrees = np.degrees(solution.residual_angles)
+    median, high = np.percentile(degrees, [50, 95])
+    return {"median_deg": median, "percentile_95_deg": high, "largest_deg": degrees.max()}
+
+
+def _uncertainty(solution: rotavg.Solution) -> dict[str, float] | None:
+    known = solution.known_covariances
+    if known is None:
+        return None
+    rms = np.degrees(np.sqrt(np.trace(known, axis1=1, axis2=2)))
+    return {"median_deg": float(np.median(rms)), "largest_deg": rms.max()}
+
+
+def _priors(solution: rotavg.Solution) -> dict[str, int] | None:
+    if solution.grounded is None:
+        return None
+    priors = solution.grounded.priors
+    return {
+        "fixed": len(priors.fixed),
+        "absolute": len(priors.absolute),
+        "gravity": len(priors.gravity),
+    }
+
+
+def summary(solution: rotavg.Solution, read: float, total: float) -> dict[str, Any]:
+    """Everything that `print(solution)` tells, and more digits of it.
+
+    Args:
+        solution: what came out.
+        read: seconds that reading took.
+        total: seconds of everything.
+    """
+    c = solution.certificate
+    return {
+        "nodes": solution.graph.num_nodes,
+        "edges": solution.graph.num_edges,
+        "components": solution.num_components,
+        "method": solution.method,
+        "reason": solution.reason,
+        "init": solution.init,
+        "status": solution.status.name.lower(),
+        "solved": solution.solved,
+        "objective": solution.objective,
+        "gradient_norm": solution.gradient_norm,
+        "relative_gradient": solution.relative_gradient,
+        "iterations": solution.iterations,
+        "certificate": None
+        if c is None
+        else {
+            "verdict": c.verdict.value,
+            "lambda_min": c.lambda_min,
+            "gap": c.gap,
+            "relative_gap": c.relative_gap,
+            "method": c.method,
+        },
+        "residuals": _residuals(solution),
+        "robust": _robust(solution),
+        "priors": _priors(solution),
+        "uncertainty": _uncertainty(solution),
+        "notes": list(solution.graph.notes),
+        "seconds": {
+            "read": read,
+            "init": solution.timings.init,
+            "solve": solution.timings.solve,
+            "certify": solution.timings.certify,
+            "total": total,
+        },
+    }
