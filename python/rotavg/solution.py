@@ -15,7 +15,7 @@ from rotavg.arrays import read_only
 from rotavg.certificate import Certificate, Verdict
 from rotavg.errors import GraphError
 from rotavg.robust import RobustFit, bridges, contamination
-from rotavg.uncertainty import Frame, covariances
+from rotavg.uncertainty import Frame, covariances, rms_degrees
 
 if TYPE_CHECKING:
     from rotavg.graph import MeasurementGraph
@@ -268,7 +268,7 @@ class Solution:
             rows += self.grounded.rows(self.rotations, self.certificate is not None)
         known = self.known_covariances
         if known is not None:
-            rms = np.degrees(np.sqrt(np.trace(known, axis1=1, axis2=2)))
+            rms = rms_degrees(known)
             about = f"median {np.median(rms):.3g} deg, largest {rms.max():.3g}"
             rows.append(("uncertainty", f"{about} (RMS angle relative to the gauge)"))
         if self.robust is not None:

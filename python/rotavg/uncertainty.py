@@ -69,6 +69,11 @@ def covariances(
     return found
 
 
+def rms_degrees(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k,) root mean square of the error angle, degrees, of covariances (k, 3, 3), radians^2."""
+    return np.asarray(np.degrees(np.sqrt(np.trace(covariances, axis1=1, axis2=2))))
+
+
 def estimated_noise_variance(solution: Solution) -> float:
     """Variance per axis, radians^2, of the noise of an edge of weight 1: NaN for a forest.
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 import rotavg
+from rotavg.uncertainty import rms_degrees
 
 
 def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:
@@ -37,7 +38,7 @@ def _uncertainty(solution: rotavg.Solution) -> dict[str, float] | None:
     known = solution.known_covariances
     if known is None:
         return None
-    rms = np.degrees(np.sqrt(np.trace(known, axis1=1, axis2=2)))
+    rms = rms_degrees(known)
     return {"median_deg": float(np.median(rms)), "largest_deg": rms.max()}
 
 

@@ -8,9 +8,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from rotavg.io import atomic
+from rotavg.uncertainty import rms_degrees
 
 if TYPE_CHECKING:
     from rotavg.solution import Solution
@@ -30,7 +29,7 @@ def write_covariances(
     written; what was there before is untouched.
     """
     covariances = solution.covariances(noise_variance=noise_variance)
-    rms = np.degrees(np.sqrt(np.trace(covariances, axis1=1, axis2=2)))
+    rms = rms_degrees(covariances)
     upper = covariances[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")

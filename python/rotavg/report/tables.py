@@ -14,6 +14,7 @@ from rotavg.arrays import rows_by_label
 from rotavg.conventions import quaternions_from_matrices
 from rotavg.report.verdict import is_reweighted
 from rotavg.solution import Solution
+from rotavg.uncertainty import rms_degrees
 
 Cell = Union[str, float]
 
@@ -67,7 +68,7 @@ def worst_edges(solution: Solution, limit: int = 200) -> Table:
 
 def uncertainty(solution: Solution, covariances: NDArray[np.float64], limit: int = 100) -> Table:
     """The rotations that are known least well, given their covariances (n, 3, 3), radians^2."""
-    rms = np.degrees(np.sqrt(np.trace(covariances, axis1=1, axis2=2)))
+    rms = rms_degrees(covariances)
     axes = np.degrees(np.sqrt(np.linalg.eigvalsh(covariances).clip(min=0)))
     least = np.argsort(-rms, kind="stable")[:limit]
     n = len(rms)

@@ -9,10 +9,10 @@ namespace rotavg {
 /// How the gap is known; of several components, the weakest.
 enum class CertificateMethod {
   factorization,  ///< sparse Cholesky factorisation of S with a node removed
-  connectivity,   ///< dense Cholesky factorisation: the connectivity outweighs the residuals
+  connectivity,   ///< that of the scalar Laplacian outweighs the residuals (connectivity.hpp)
   relaxation,     ///< the optimum of the relaxation (6), proved at a lifted point
   nonnegativity,  ///< f* >= 0, and f(R) is zero to the tolerance
-  eigenvalue,     ///< LOBPCG estimate of the smallest eigenvalue
+  eigenvalue,     ///< an estimate of the smallest eigenvalue, by Lanczos or LOBPCG
   none,           ///< stopped, or not converged, before anything was known
 };
 

@@ -6,8 +6,9 @@
 
 namespace rotavg {
 
-// Products of tall matrices with few columns, column by column: as fast as memory allows. Eigen's
-// general product would start threads of its own here, as many as a global setting says.
+// Products on the calling thread alone: Eigen's general product would start threads of its own
+// here, as many as a global setting says. Those of tall matrices with few columns go column by
+// column, as fast as memory allows.
 
 /// A^T B.
 inline Eigen::MatrixXd inner_products(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B) {
@@ -27,8 +28,8 @@ inline Eigen::MatrixXd combinations(const Eigen::MatrixXd& A, const Eigen::Matri
   return result;
 }
 
-/// C += s A B, on this thread alone and in an order that depends on nothing else: Eigen takes no
-/// further threads for targets that are known to have 32 rows at most.
+/// C += s A B, for matrices of any shape: Eigen takes no further threads for targets that are known
+/// to have 32 rows at most.
 /// @param c column-major, in memory
 template <typename A, typename B, typename C>
 void add_product(double s, const A& a, const B& b, C&& c) {
