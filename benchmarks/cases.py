@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import rotavg
 from benchmarks.problem import Problem
-from rotavg.conventions import matrices_from_rotvecs
+from rotavg.graph.conventions import matrices_from_rotvecs
 
 SEED = 1
 

@@ -15,6 +15,7 @@ from benchmarks.cases import shortest_path_start
 from benchmarks.problem import Problem
 from benchmarks.runner import Limits, measure
 from benchmarks.solvers import Solver
+from rotavg.graph.conventions import matrices_from_rotvecs
 
 # Mean residual, radians. Robust estimators stop at steps of 1e-3.
 LARGEST_RESIDUAL = 1e-2
@@ -31,7 +32,7 @@ def write_check_problem(path: Path) -> None:
     """Write the problem that adapters are tried on."""
     graph = check_graph()
     turns = np.random.default_rng(1).standard_normal((graph.num_nodes, 3)) * _START_OFF
-    start = shortest_path_start(graph) @ rotavg.conventions.matrices_from_rotvecs(turns)
+    start = shortest_path_start(graph) @ matrices_from_rotvecs(turns)
     Problem(graph.indices, graph.rotations, graph.weights, start).save(path)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import get_args
 
-from rotavg.solve import Method
+from rotavg.solving.solve import Method
 
 
 @dataclass(frozen=True)

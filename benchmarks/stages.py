@@ -16,7 +16,7 @@ from rich.table import Table
 
 import rotavg
 from benchmarks import cases
-from rotavg.conventions import quaternions_from_matrices
+from rotavg.graph.conventions import quaternions_from_matrices
 
 _ROOT = Path(__file__).resolve().parents[1]
 _BUILD = _ROOT / "build" / "bench-stages"

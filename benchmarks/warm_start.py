@@ -17,7 +17,7 @@ from typing import Any, Callable
 import numpy as np
 
 import rotavg
-from rotavg.conventions import matrices_from_rotvecs
+from rotavg.graph.conventions import matrices_from_rotvecs
 
 
 def changed(last: rotavg.Solution, count: int) -> rotavg.MeasurementGraph:

@@ -11,9 +11,7 @@ Convention (pose family): R_i is world_from_i, R_ij is i_from_j, and R_i R_ij = 
 """
 
 from rotavg._core import Progress, __version__
-from rotavg.certificate import Certificate, ComponentCertificate, Verdict
-from rotavg.compare import Comparison, compare
-from rotavg.errors import (
+from rotavg.base.errors import (
     Error,
     FileAccessError,
     FormatError,
@@ -23,17 +21,20 @@ from rotavg.errors import (
     OptionError,
     SolverError,
 )
-from rotavg.graph import MeasurementGraph
-from rotavg.hardness import Hardness, hardness
+from rotavg.evaluation.compare import Comparison, compare
+from rotavg.evaluation.hardness import Hardness, hardness
+from rotavg.graph.known_rotations import KnownRotations
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.translations import RelativeTranslations
 from rotavg.io import read, read_rotations, write, write_covariances, write_edges
-from rotavg.known import KnownRotations
-from rotavg.positions import positions
-from rotavg.priors import Priors
-from rotavg.robust import CycleEvidence, RobustFit, cycle_evidence
-from rotavg.simulate import Simulation, simulate
-from rotavg.solution import Solution, Status, Timings, Trace
-from rotavg.solve import certify, gradient, objective, solve
-from rotavg.translations import RelativeTranslations
+from rotavg.priors.priors import Priors
+from rotavg.simulation.simulate import Simulation, simulate
+from rotavg.solving.certificate import Certificate, ComponentCertificate, Verdict
+from rotavg.solving.positions import positions
+from rotavg.solving.robust import CycleEvidence, RobustFit, cycle_evidence
+from rotavg.solving.solution import Solution
+from rotavg.solving.solve import certify, gradient, objective, solve
+from rotavg.solving.status import Status, Timings, Trace
 
 __all__ = [
     "Certificate",

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 import rotavg
-from rotavg.conventions import matrices_from_quaternions
+from rotavg.graph.conventions import matrices_from_quaternions
 
 
 def random_answer(graph: rotavg.MeasurementGraph, seed: int) -> rotavg.Solution:

@@ -13,7 +13,7 @@ pytest.importorskip("PIL", reason="needs rotavg[images]")
 
 import PIL.Image
 
-import rotavg
+from rotavg.graph.conventions import matrices_from_rotvecs
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
 ROOM = np.array([4.0, 3.0, 5.0])  # half width, half height, half depth
@@ -21,7 +21,7 @@ ROOM = np.array([4.0, 3.0, 5.0])  # half width, half height, half depth
 
 def rotations(rotvecs_deg: list[list[float]]) -> NDArray[np.float64]:
     """world_from_camera (n, 3, 3) from rotation vectors in degrees."""
-    return rotavg.conventions.matrices_from_rotvecs(np.radians(rotvecs_deg))
+    return matrices_from_rotvecs(np.radians(rotvecs_deg))
 
 
 def photograph(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import rotavg
-from rotavg.conventions import matrices_from_rotvecs
+from rotavg.graph.conventions import matrices_from_rotvecs
 
 NASTY = "</script><script>document.title = 'broken'</script>"
 

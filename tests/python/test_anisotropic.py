@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rotavg
-from rotavg.conventions import matrices_from_rotvecs
+from rotavg.graph.conventions import matrices_from_rotvecs
+from rotavg.solving.uncertainty import estimated_noise_variance
 
 EDGES = np.array([(k, (k + 1) % 6) for k in range(6)] + [(0, 3), (1, 4), (1, 5)])
 
@@ -107,7 +108,7 @@ def test_monte_carlo_agrees_and_is_better_than_isotropic(truth: NDArray[np.float
         for rows, R in ((errors, solution.rotations), (plain, solution.isotropic.rotations)):
             E = R @ np.swapaxes(truth, 1, 2)
             rows[k] = np.stack([E[:, 2, 1], E[:, 0, 2], E[:, 1, 0]], axis=1)
-        variances[k] = rotavg.uncertainty.estimated_noise_variance(solution)
+        variances[k] = estimated_noise_variance(solution)
     assert variances.mean() == pytest.approx(1, rel=0.06)
     predicted = solution.covariances(noise_variance=1)
     for node in range(1, 6):

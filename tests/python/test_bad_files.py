@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rotavg.errors import FileAccessError, FormatError
-from rotavg.graph import MeasurementGraph
+from rotavg.base.errors import FileAccessError, FormatError
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io import read, write
 
 GOOD_G2O = "EDGE_SE3:QUAT 0 1 1 2 3 0 0 0 1 1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 4 0 0 4 0 4"

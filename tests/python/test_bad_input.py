@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rotavg.conventions import matrices_from_quaternions
-from rotavg.errors import Error, GraphError
-from rotavg.graph import MeasurementGraph
-from rotavg.simulate import simulate
+from rotavg.base.errors import Error, GraphError
+from rotavg.graph.conventions import matrices_from_quaternions
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.simulation.simulate import simulate
 
 I3 = np.eye(3)
 

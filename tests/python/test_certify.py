@@ -27,7 +27,7 @@ def dense_certificate_matrix(graph: rotavg.MeasurementGraph, R: Array) -> Array:
 
 def turned(R: Array, angle: float, rng: np.random.Generator) -> Array:
     """Every rotation turned by about `angle` radians."""
-    from rotavg.conventions import matrices_from_rotvecs
+    from rotavg.graph.conventions import matrices_from_rotvecs
 
     return matrices_from_rotvecs(angle * rng.standard_normal((len(R), 3))) @ R
 
@@ -64,7 +64,7 @@ SLOW_ROTATIONS = [
 
 
 def test_lambda_min_where_the_iteration_is_slow() -> None:
-    from rotavg.conventions import matrices_from_rotvecs
+    from rotavg.graph.conventions import matrices_from_rotvecs
 
     i, j, rotvecs, weights = zip(*SLOW_EDGES)
     graph = rotavg.MeasurementGraph.from_rotvecs(

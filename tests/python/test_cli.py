@@ -15,10 +15,10 @@ import pytest
 
 import rotavg
 from rotavg.cli.solve import solve as solve_command
-from rotavg.conventions import Convention
+from rotavg.graph.conventions import Convention
 from rotavg.io import FORMATS
-from rotavg.robust import Loss
-from rotavg.solve import Init, Method, Mu, Stop
+from rotavg.solving.robust import Loss
+from rotavg.solving.solve import Init, Method, Mu, Stop
 
 
 def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:

@@ -12,9 +12,15 @@ import pytest
 from numpy.typing import NDArray
 
 import rotavg
+from rotavg.base.errors import (
+    FileAccessError,
+    FormatError,
+    GraphError,
+    MissingExtraError,
+    OptionError,
+)
 from rotavg.colmap import from_pose_graph, run_rotation_averaging, to_pose_graph
-from rotavg.conventions import matrices_from_quaternions, quaternions_from_matrices
-from rotavg.errors import FileAccessError, FormatError, GraphError, MissingExtraError, OptionError
+from rotavg.graph.conventions import matrices_from_quaternions, quaternions_from_matrices
 from rotavg.io import read, read_gravity, write
 from rotavg.io.colmap_database import pair_id_of, pair_of
 

@@ -18,7 +18,7 @@ import pycolmap
 import rotavg
 from photographs import FOCAL, TURNS_DEG, room_folder, rotations
 from rotavg import colmap, images
-from rotavg.conventions import quaternions_from_matrices
+from rotavg.graph.conventions import quaternions_from_matrices
 from rotavg.reproduce.photographs import angles_deg
 from test_cli import run
 

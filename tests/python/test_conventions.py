@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotavg import conventions
-from rotavg.errors import Error, GraphError
+from rotavg.base.errors import Error, GraphError
+from rotavg.graph import conventions
 
 
 def random_quaternions(seed: int, count: int = 1000) -> np.ndarray:

@@ -8,9 +8,9 @@ import pickle
 import numpy as np
 import pytest
 
-from rotavg.conventions import matrices_from_quaternions
-from rotavg.errors import GraphError, MissingExtraError, require
-from rotavg.graph import MeasurementGraph
+from rotavg.base.errors import GraphError, MissingExtraError, require
+from rotavg.graph.conventions import matrices_from_quaternions
+from rotavg.graph.measurement_graph import MeasurementGraph
 
 
 def rotations(count: int, seed: int = 7) -> np.ndarray:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 pytest.importorskip("cv2", reason="needs rotavg[images]")
 pytest.importorskip("scipy", reason="needs rotavg[images]")
 
-from rotavg.conventions import matrices_from_rotvecs
+from rotavg.graph.conventions import matrices_from_rotvecs
 from rotavg.images import NoGeometryError, epipolar
 from rotavg.images.two_view import estimate
 from rotavg.reproduce.photographs import angles_deg

@@ -10,13 +10,13 @@ import pytest
 
 import rotavg
 from answers import random_answer
-from rotavg.conventions import (
+from rotavg.base.errors import FileAccessError, FormatError, IncompleteWarning
+from rotavg.graph.conventions import (
     matrices_from_quaternions,
     matrices_from_roll_pitch_yaw,
     roll_pitch_yaw_from_matrices,
 )
-from rotavg.errors import FileAccessError, FormatError, IncompleteWarning
-from rotavg.graph import MeasurementGraph
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io import FORMATS, read, read_gravity, write, write_gravity
 from shared_data import shared_data
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 import rotavg
 from answers import random_answer
-from rotavg.conventions import matrices_from_quaternions, quaternions_from_matrices
-from rotavg.errors import FormatError, IncompleteWarning
-from rotavg.graph import MeasurementGraph
+from rotavg.base.errors import FormatError, IncompleteWarning
+from rotavg.graph.conventions import matrices_from_quaternions, quaternions_from_matrices
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io import read, write
-from rotavg.simulate import simulate
+from rotavg.simulation.simulate import simulate
 from shared_data import shared_data
 
 REAL = ["tinyGrid3D", "smallGrid3D", "sphere2500", "torus3D", "parking-garage"]

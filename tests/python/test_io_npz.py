@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from answers import random_answer
-from rotavg.errors import FormatError
-from rotavg.graph import MeasurementGraph
+from rotavg.base.errors import FormatError
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io import read, read_rotations, write
-from rotavg.simulate import simulate
+from rotavg.simulation.simulate import simulate
 from shared_data import shared_data
 
 

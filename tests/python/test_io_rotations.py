@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import rotavg
 from answers import random_answer
-from rotavg.errors import FormatError
+from rotavg.base.errors import FormatError
 from rotavg.io import FORMATS, read_rotations, write
 from shared_data import shared_data
 from test_compare import run

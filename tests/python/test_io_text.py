@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from answers import random_answer
-from rotavg.conventions import matrices_from_quaternions
-from rotavg.errors import FormatError
-from rotavg.graph import MeasurementGraph
+from rotavg.base.errors import FormatError
+from rotavg.graph.conventions import matrices_from_quaternions
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io import read, write
-from rotavg.simulate import simulate
+from rotavg.simulation.simulate import simulate
 
 
 def weighted(names: bool = False) -> MeasurementGraph:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-import graphlib
 import importlib.metadata
 import subprocess
 import sys
@@ -28,34 +26,6 @@ def test_the_command_names_what_it_misses() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "the command line needs click: pip install" in done.stderr
-
-
-def test_imports_run_one_way() -> None:
-    root = Path(rotavg.__file__).parent
-    modules = {
-        ".".join(path.relative_to(root.parent).with_suffix("").parts).replace(".__init__", ""): path
-        for path in root.rglob("*.py")
-    }
-    imported: dict[str, set[str]] = {}
-    for module, path in modules.items():
-        nodes = list(ast.walk(ast.parse(path.read_text())))
-        for_types = [
-            inner
-            for node in nodes
-            if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
-            for inner in ast.walk(node)
-        ]
-        names = {
-            f"{node.module}{part}"
-            for node in nodes
-            if isinstance(node, ast.ImportFrom) and node not in for_types
-            for part in ("", *(f".{alias.name}" for alias in node.names))
-        }
-        # A package and its modules, which name each other, count as one way down.
-        parents = {module, "rotavg", module.rpartition(".")[0]}
-        imported[module] = (names & modules.keys()) - parents
-    imported["rotavg.graph"].remove("rotavg.partners.networkx")  # from_networkx() is made there
-    graphlib.TopologicalSorter(imported).prepare()  # raises CycleError, which shows the cycle
 
 
 def test_types_ship_with_the_package() -> None:

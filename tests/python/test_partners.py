@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import rotavg
-from rotavg.errors import GraphError, MissingExtraError
-from rotavg.graph import MeasurementGraph
+from rotavg.base.errors import GraphError, MissingExtraError
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.partners.gtsam import from_gtsam, to_gtsam
 from shared_data import shared_data
 from test_positions import pose_graph

@@ -15,7 +15,8 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
 import rotavg
-from rotavg import drawing, plot
+from rotavg import plot
+from rotavg.drawing import figures
 from rotavg.io.positions import positions
 from rotavg.plot.spectrum import certificate_matrix, smallest_eigenvalues
 
@@ -108,7 +109,7 @@ def test_adjacency_shows_the_largest_residual_of_a_cell(solution: rotavg.Solutio
             for a, b in ((i, j), (j, i)):
                 cell = a * side // n, b * side // n
                 expected[cell] = np.nanmax([expected[cell], angle])
-        np.testing.assert_array_equal(drawing.largest_in_cells(graph, degrees, cells), expected)
+        np.testing.assert_array_equal(figures.largest_in_cells(graph, degrees, cells), expected)
         image = plot.adjacency(solution, cells=cells).get_images()[0]
         np.testing.assert_array_equal(image.get_array().filled(np.nan), expected)  # type: ignore[union-attr]
 
@@ -244,8 +245,8 @@ def test_without_matplotlib_the_extra_is_named(
 
 def test_the_worst_are_drawn_last_and_never_left_out() -> None:
     values = np.random.default_rng(0).permutation(1000).astype(np.float64)
-    rows = drawing.worst_and_others(values, 100)
+    rows = figures.worst_and_others(values, 100)
     assert len(rows) == len(set(rows.tolist())) == 100
     np.testing.assert_array_equal(values[rows][-25:], np.arange(975, 1000))
     assert (np.diff(values[rows]) > 0).all()
-    np.testing.assert_array_equal(values[drawing.worst_and_others(values, 5000)], np.arange(1000))
+    np.testing.assert_array_equal(values[figures.worst_and_others(values, 5000)], np.arange(1000))

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import rotavg
-from rotavg.errors import GraphError, MissingExtraError
+from rotavg.base.errors import GraphError, MissingExtraError
 
 Floats = NDArray[np.float64]
 

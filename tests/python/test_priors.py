@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 import rotavg
 from rotavg import Priors, _core
-from rotavg.conventions import matrices_from_rotvecs
+from rotavg.graph.conventions import matrices_from_rotvecs
 from rotavg.io import write_gravity
+from rotavg.solving.uncertainty import estimated_noise_variance
 
 DOWN = np.array([0.0, 1.0, 0.0])
 
@@ -182,7 +183,7 @@ def test_covariances_with_priors_predict_monte_carlo(truth: NDArray[np.float64])
         solution = rotavg.solve(graph, priors=priors, certify=False, num_threads=1)
         E = solution.rotations @ np.swapaxes(T, 1, 2)
         errors[k] = np.stack([E[:, 2, 1], E[:, 0, 2], E[:, 1, 0]], axis=1)
-        variances[k] = rotavg.uncertainty.estimated_noise_variance(solution)
+        variances[k] = estimated_noise_variance(solution)
     assert variances.mean() == pytest.approx(sigma**2, rel=0.07)
     predicted = solution.covariances(noise_variance=sigma**2)
     for node in range(5):

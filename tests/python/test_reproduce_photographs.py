@@ -12,7 +12,7 @@ pytest.importorskip("cv2", reason="needs rotavg[images]")
 
 import rotavg
 from photographs import FOCAL, TURNS_DEG, room_folder, rotations
-from rotavg.conventions import quaternions_from_matrices, wxyz_from_xyzw
+from rotavg.graph.conventions import quaternions_from_matrices, wxyz_from_xyzw
 from rotavg.reproduce import fig4, photographs, table2
 from rotavg.reproduce.photographs import angles_deg, data_sets, errors_deg
 

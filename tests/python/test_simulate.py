@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotavg.conventions import quaternions_from_matrices
-from rotavg.simulate import KINDS, Simulation, simulate
+from rotavg.graph.conventions import quaternions_from_matrices
+from rotavg.simulation.simulate import KINDS, Simulation, simulate
 
 SIZES = [3, 4, 9, 27, 50, 100, 343]
 

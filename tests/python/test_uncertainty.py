@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 import rotavg
 from rotavg import _core
-from rotavg.conventions import matrices_from_rotvecs
+from rotavg.graph.conventions import matrices_from_rotvecs
+from rotavg.solving.uncertainty import estimated_noise_variance
 
 RING = [(k, (k + 1) % 6) for k in range(6)] + [(0, 3), (1, 4), (1, 5)]
 WEIGHTS = np.array([1, 2, 0.5, 1, 3, 1, 1, 0.4, 2])
@@ -53,7 +54,7 @@ def test_covariances_predict_monte_carlo(truth: NDArray[np.float64]) -> None:
     for k in range(runs):
         solution = rotavg.solve(measured(rng, truth, sigma), certify=False, num_threads=1)
         errors[k] = small_rotvecs(solution.rotations @ np.swapaxes(truth, 1, 2))
-        variances[k] = rotavg.uncertainty.estimated_noise_variance(solution)
+        variances[k] = estimated_noise_variance(solution)
     assert variances.mean() == pytest.approx(sigma**2, rel=0.05)
     predicted = solution.covariances(noise_variance=sigma**2)
     for node in range(1, 6):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import rotavg
 from rotavg import GraphError, MeasurementGraph, Solution
-from rotavg.conventions import matrices_from_rotvecs
+from rotavg.graph.conventions import matrices_from_rotvecs
 from shared_data import shared_data
 
 Pairs = Any

@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import Console
 
 import rotavg
+from rotavg.base.errors import require
 from rotavg.cli import options
 from rotavg.cli.options import number
 from rotavg.cli.output import print_json, print_table
@@ -51,7 +52,7 @@ def colmap(
     """
     check_new_folder(output)
     if picture:
-        rotavg.errors.require("matplotlib", "plot")
+        require("matplotlib", "plot")
     with _waiting("reconstructing"):
         found = reconstruct(
             database,

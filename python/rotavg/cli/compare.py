@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.output import print_json, print_table
-from rotavg.compare import SHARES_DEG
-from rotavg.conventions import Convention
-from rotavg.ids import IdArray, rows_of
+from rotavg.evaluation.compare import SHARES_DEG
+from rotavg.graph.conventions import Convention
+from rotavg.graph.ids import IdArray, rows_of
 from rotavg.io.absolute import AbsoluteRotations
 from rotavg.io.rotations import FORMATS_OF_ROTATIONS, read_absolute
 

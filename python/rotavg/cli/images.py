@@ -14,6 +14,7 @@ import rich.progress
 from rich.console import Console
 
 import rotavg
+from rotavg.base.errors import require
 from rotavg.cli import options
 from rotavg.cli.options import number
 from rotavg.cli.output import print_json, print_notes, print_table
@@ -100,7 +101,7 @@ def _check_output(folder: Path, output: Path) -> None:
 
 def _check_database(database: Path) -> None:
     check_file_writable(database)
-    rotavg.errors.require("pycolmap", "colmap")
+    require("pycolmap", "colmap")
     if database.exists():
         raise rotavg.FileAccessError("there is a file already", path=database)
 

@@ -11,7 +11,7 @@ import numpy as np
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.output import print_json, print_notes, print_table, working
-from rotavg.robust import bridges, contamination
+from rotavg.solving.robust import bridges, contamination
 
 
 @click.command(short_help="Tell what graph is in a file, and how hard it is.")

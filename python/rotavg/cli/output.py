@@ -22,8 +22,8 @@ from rich.table import Table
 from rich.text import Text
 
 import rotavg
+from rotavg.base.json_text import json_text
 from rotavg.io import losses
-from rotavg.json_text import json_text
 
 Callback = Optional[Callable[[rotavg.Progress], None]]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 import rotavg
 from rotavg.cli import options
-from rotavg.ids import IdArray, rows_of
+from rotavg.graph.ids import IdArray, rows_of
 from rotavg.io import read_gravity, read_rotations
 
 _OPTIONS = (

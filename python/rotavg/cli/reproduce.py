@@ -12,9 +12,9 @@ from typing import Any, Callable
 import click
 from rich.console import Console
 
+from rotavg.base.errors import FileAccessError
 from rotavg.cli import options
 from rotavg.cli.output import print_json, print_text
-from rotavg.errors import FileAccessError
 from rotavg.io.atomic import check_writable
 from rotavg.reproduce import EXPERIMENTS, Settings, write
 

@@ -13,7 +13,7 @@ from rotavg.cli.options import number
 from rotavg.cli.output import print_json, print_losses, working
 from rotavg.io import atomic, check_writable
 from rotavg.io.edges import write_edge_list
-from rotavg.simulate import KINDS
+from rotavg.simulation.simulate import KINDS
 
 
 @click.command(short_help="Write a measurement graph with known noise.")

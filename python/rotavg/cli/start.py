@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 import rotavg
 from rotavg.cli import options
-from rotavg.ids import rows_of
+from rotavg.graph.ids import rows_of
 from rotavg.io import read_rotations
-from rotavg.warm_start import warm_start
+from rotavg.solving.warm_start import warm_start
 
 _NAMES = ("auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random")
 

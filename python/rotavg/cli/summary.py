@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import rotavg
-from rotavg.uncertainty import rms_degrees
+from rotavg.solving.uncertainty import rms_degrees
 
 
 def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotavg.base.errors import GraphError, OptionError, require
 from rotavg.colmap.pose_graph import from_pose_graph
-from rotavg.conventions import convert_family
-from rotavg.errors import GraphError, OptionError, require
-from rotavg.graph import MeasurementGraph
-from rotavg.ids import rows_of
+from rotavg.graph.conventions import convert_family
+from rotavg.graph.ids import rows_of
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.colmap_database import pair_id_of
-from rotavg.solve import solve
+from rotavg.solving.solve import solve
 
 
 def run_rotation_averaging(

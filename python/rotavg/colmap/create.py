@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rotavg.conventions import quaternions_from_matrices
-from rotavg.errors import require
+from rotavg.base.errors import require
+from rotavg.graph.conventions import quaternions_from_matrices
 from rotavg.images import Measurement, Pair, Photograph
 from rotavg.images.epipolar import essential_matrix
 from rotavg.io.atomic import new_file

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.conventions import convert_family
-from rotavg.errors import FileAccessError, require
+from rotavg.base.errors import FileAccessError, require
+from rotavg.graph.conventions import convert_family
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 import rotavg
+from rotavg.base.errors import FileAccessError, FormatError, OptionError, SolverError, require
 from rotavg.colmap.two_views import (
     complete_poses,
     copy_database,
     write_rotations,
 )
-from rotavg.errors import FileAccessError, FormatError, OptionError, SolverError, require
-from rotavg.robust import Loss
+from rotavg.solving.robust import Loss
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from rotavg.conventions import convert_family
-from rotavg.errors import GraphError, require
-from rotavg.graph import MeasurementGraph
-from rotavg.ids import IdArray
+from rotavg.base.errors import GraphError, require
+from rotavg.graph.conventions import convert_family
+from rotavg.graph.ids import IdArray
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.colmap_database import ColmapImages, pair_of
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.conventions import convert_family, quaternions_from_matrices, wxyz_from_xyzw
-from rotavg.errors import require
+from rotavg.base.errors import require
+from rotavg.graph.conventions import convert_family, quaternions_from_matrices, wxyz_from_xyzw
 from rotavg.io.atomic import new_file
 from rotavg.io.colmap_database import opened, pair_of
 from rotavg.io.registry import SolutionLike

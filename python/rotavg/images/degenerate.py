@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.errors import require
+from rotavg.base.errors import require
 from rotavg.images.epipolar import Array
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.conventions import matrices_from_rotvecs
-from rotavg.errors import require
+from rotavg.base.errors import require
+from rotavg.graph.conventions import matrices_from_rotvecs
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.errors import FileAccessError, FormatError, require
+from rotavg.base.errors import FileAccessError, FormatError, require
 from rotavg.images.focal import focal_from_exif
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm")

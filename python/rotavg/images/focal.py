@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from rotavg.errors import FormatError
+from rotavg.base.errors import FormatError
 
 # Tags of the EXIF standard.
 _EXIF_IFD = 0x8769

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.errors import require
+from rotavg.base.errors import require
 
 
 def match(first: NDArray[Any], second: NDArray[Any], *, ratio: float = 0.8) -> NDArray[np.int64]:

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.errors import GraphError, OptionError
-from rotavg.graph import MeasurementGraph
+from rotavg.base.errors import GraphError, OptionError
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.images.features import Photograph, extract, find_photographs, focal_length
 from rotavg.images.matching import match
 from rotavg.images.two_view import NoGeometryError, TwoView, estimate

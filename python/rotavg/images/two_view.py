@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.errors import require
+from rotavg.base.errors import require
 from rotavg.images import degenerate
 from rotavg.images.epipolar import Array, essential_matrix, in_front, refine, sampson_distances
 

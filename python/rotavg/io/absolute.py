@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.conventions import first_bad_quaternion, matrices_from_quaternions
-from rotavg.errors import FormatError, GraphError
-from rotavg.ids import IdArray, as_nodes
+from rotavg.base.errors import FormatError, GraphError
+from rotavg.graph.conventions import first_bad_quaternion, matrices_from_quaternions
+from rotavg.graph.ids import IdArray, as_nodes
 from rotavg.io.lines import check_finite, ids_of, number_table
 
 QUATERNION = ("qx", "qy", "qz", "qw")

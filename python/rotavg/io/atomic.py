@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from rotavg.errors import FileAccessError
+from rotavg.base.errors import FileAccessError
 
 
 def write_files(files: Mapping[Path, bytes]) -> None:

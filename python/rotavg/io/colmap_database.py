@@ -19,8 +19,8 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.errors import FileAccessError, FormatError
-from rotavg.graph import MeasurementGraph
+from rotavg.base.errors import FileAccessError, FormatError
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.registry import Format, ReadOptions, blame_line
 
 if TYPE_CHECKING:

@@ -17,14 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
-from rotavg.conventions import convert_family, quaternions_from_matrices, wxyz_from_xyzw
-from rotavg.errors import FormatError
-from rotavg.graph import MeasurementGraph
+from rotavg.base.errors import FormatError
+from rotavg.graph.conventions import convert_family, quaternions_from_matrices, wxyz_from_xyzw
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, distinct, read_fields
 from rotavg.io.colmap_database import ColmapImages
 from rotavg.io.lines import BYTE_ORDER_MARK, exactly, ids_of, is_number, shown
 from rotavg.io.registry import Format, Writable
-from rotavg.positions import positions
+from rotavg.solving.positions import positions
 
 _COLUMNS = ("IMAGE_ID", "qw", "qx", "qy", "qz", "tx", "ty", "tz", "CAMERA_ID", "NAME")
 _TITLE = re.compile(rb"^#\s*IMAGE_ID, QW", re.MULTILINE)

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rotavg.io import atomic
-from rotavg.uncertainty import rms_degrees
+from rotavg.solving.uncertainty import rms_degrees
 
 if TYPE_CHECKING:
-    from rotavg.solution import Solution
+    from rotavg.solving.solution import Solution
 
 HEADER = ("id", "rms_deg", "xx", "xy", "xz", "yy", "yz", "zz")
 

@@ -11,8 +11,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from rotavg.errors import FormatError
-from rotavg.graph import MeasurementGraph
+from rotavg.base.errors import FormatError
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, is_header, read_fields
 from rotavg.io.lines import BYTE_ORDER_MARK, content_lines, is_number
 from rotavg.io.registry import Format, ReadOptions, Writable

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.conventions import (
+from rotavg.graph.conventions import (
     angles_about_z,
     matrices_from_angles_about_z,
     matrices_from_quaternions,

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotavg.ids import IdArray
+from rotavg.graph.ids import IdArray
 from rotavg.io import atomic
 
 if TYPE_CHECKING:
-    from rotavg.solution import Solution
+    from rotavg.solving.solution import Solution
 
 HEADER = ("i", "j", "residual_deg", "weight", "final_weight", "is_outlier", "verdict")
 

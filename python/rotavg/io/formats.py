@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rotavg.conventions import Convention
-from rotavg.errors import FormatError, IncompleteWarning
-from rotavg.graph import MeasurementGraph
+from rotavg.base.errors import FormatError, IncompleteWarning
+from rotavg.graph.conventions import Convention
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io import (
     atomic,
     colmap_database,

@@ -15,11 +15,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.anisotropic import first_bad_covariance
-from rotavg.conventions import first_bad_quaternion
-from rotavg.errors import FormatError
-from rotavg.graph import MeasurementGraph, edge_error
-from rotavg.ids import as_edges, as_ids, unique_ids
+from rotavg.base.errors import FormatError
+from rotavg.graph.conventions import first_bad_quaternion
+from rotavg.graph.covariances import first_bad_covariance
+from rotavg.graph.ids import as_edges, as_ids, edge_error, unique_ids
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.translations import RelativeTranslations, first_not_positive_definite
 from rotavg.io import g2o_write
 from rotavg.io.absolute import (
     AbsoluteRotations,
@@ -30,7 +31,6 @@ from rotavg.io.absolute import (
 from rotavg.io.dialects import DIALECTS, G2O_3D, Dialect
 from rotavg.io.lines import BYTE_ORDER_MARK, check_finite, content_lines, number_table, shown
 from rotavg.io.registry import Format, ReadOptions, blame_line
-from rotavg.translations import RelativeTranslations, first_not_positive_definite
 
 _EDGES = {dialect.edge: dialect for dialect in DIALECTS}
 _VERTICES = {dialect.vertex: dialect for dialect in DIALECTS}

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.errors import FormatError, IncompleteWarning, MissingExtraError, SolverError
-from rotavg.graph import MeasurementGraph
+from rotavg.base.errors import FormatError, IncompleteWarning, MissingExtraError, SolverError
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.dialects import G2O_2D, G2O_3D, TORO_2D, TORO_3D, Dialect
 from rotavg.io.gauge import in_gauge_of
 from rotavg.io.lines import exactly
 from rotavg.io.registry import SolutionLike, Writable
-from rotavg.positions import positions
+from rotavg.solving.positions import positions
 
 Floats = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg import _core
-from rotavg.graph import MeasurementGraph
+from rotavg.graph.measurement_graph import MeasurementGraph
 
 Floats = NDArray[np.float64]
 

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.conventions import convert_family, quaternions_from_matrices, wxyz_from_xyzw
-from rotavg.errors import FileAccessError, FormatError
-from rotavg.graph import MeasurementGraph
-from rotavg.ids import IdArray
+from rotavg.base.errors import FileAccessError, FormatError
+from rotavg.graph.conventions import convert_family, quaternions_from_matrices, wxyz_from_xyzw
+from rotavg.graph.ids import IdArray
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, read_fields
 from rotavg.io.lines import (
     check_finite,

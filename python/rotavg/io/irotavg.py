@@ -17,13 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
-from rotavg.conventions import (
+from rotavg.base.errors import FormatError
+from rotavg.graph.conventions import (
     convert_family,
     quaternions_from_matrices,
     wxyz_from_xyzw,
 )
-from rotavg.errors import FormatError
-from rotavg.graph import MeasurementGraph
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, read_fields
 from rotavg.io.lines import check_finite, content_lines, exactly, number_table, shown
 from rotavg.io.registry import Format, ReadOptions, Writable, blame_line

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.errors import FormatError
-from rotavg.ids import IdArray
+from rotavg.base.errors import FormatError
+from rotavg.graph.ids import IdArray
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _NOT_IN_A_NAME = re.compile(r"[\s,#]")

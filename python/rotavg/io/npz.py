@@ -20,14 +20,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.arrays import as_floats
-from rotavg.conventions import first_no_rotation
-from rotavg.errors import FormatError, GraphError
-from rotavg.graph import MeasurementGraph
-from rotavg.ids import IdArray, as_ids, unique_ids
+from rotavg.base.arrays import as_floats
+from rotavg.base.errors import FormatError, GraphError
+from rotavg.graph.conventions import first_no_rotation
+from rotavg.graph.ids import IdArray, as_ids, unique_ids
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.translations import RelativeTranslations
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, distinct
 from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
-from rotavg.translations import RelativeTranslations
 
 _FIGURES = (
     "objective", "gradient_norm", "status", "iterations", "component", "residual_angles",

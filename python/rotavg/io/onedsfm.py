@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.errors import FileAccessError, FormatError
-from rotavg.graph import MeasurementGraph
-from rotavg.ids import IdArray
+from rotavg.base.errors import FileAccessError, FormatError
+from rotavg.graph.ids import IdArray
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.lines import (
     BYTE_ORDER_MARK,
     check_finite,

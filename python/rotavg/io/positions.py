@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.graph import MeasurementGraph
+from rotavg.graph.measurement_graph import MeasurementGraph
 
 _VERTEX = b"VERTEX_SE3:QUAT"
 

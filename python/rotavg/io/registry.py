@@ -11,9 +11,9 @@ from typing import Any, Protocol, Union, runtime_checkable
 
 from numpy.typing import NDArray
 
-from rotavg.conventions import Convention
-from rotavg.errors import FileAccessError, FormatError, GraphError
-from rotavg.graph import MeasurementGraph
+from rotavg.base.errors import FileAccessError, FormatError, GraphError
+from rotavg.graph.conventions import Convention
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import RotationReader
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.conventions import Convention, convert_family
-from rotavg.errors import FormatError
-from rotavg.ids import IdArray
+from rotavg.base.errors import FormatError
+from rotavg.graph.conventions import Convention, convert_family
+from rotavg.graph.ids import IdArray
 from rotavg.io import registry
 from rotavg.io.absolute import AbsoluteRotations
 from rotavg.io.formats import FORMATS

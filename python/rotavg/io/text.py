@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rotavg.conventions import quaternions_from_matrices
-from rotavg.errors import FormatError
-from rotavg.graph import MeasurementGraph
+from rotavg.base.errors import FormatError
+from rotavg.graph.conventions import quaternions_from_matrices
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import (
     QUATERNION,
     AbsoluteRotations,

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from rotavg.errors import FormatError
-from rotavg.graph import MeasurementGraph
+from rotavg.base.errors import FormatError
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, read_fields
 from rotavg.io.lines import content_lines, exactly, is_number
 from rotavg.io.registry import Format, Writable
-from rotavg.positions import positions
+from rotavg.solving.positions import positions
 
 _COLUMNS = ("timestamp", "x", "y", "z", "qx", "qy", "qz", "qw")
 _TITLE = re.compile(rb"^#\s*timestamp(\s+\S+){3}\s+qx\s+qy\s+qz\s+qw\s*$", re.MULTILINE)

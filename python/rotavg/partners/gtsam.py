@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.errors import GraphError, require
-from rotavg.graph import MeasurementGraph
-from rotavg.positions import positions
-from rotavg.solution import Solution
-from rotavg.translations import RelativeTranslations
+from rotavg.base.errors import GraphError, require
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.translations import RelativeTranslations
+from rotavg.solving.positions import positions
+from rotavg.solving.solution import Solution
 
 
 def to_gtsam(item: MeasurementGraph | Solution) -> Any:

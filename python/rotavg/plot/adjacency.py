@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotavg import drawing
+from rotavg.drawing import figures
 from rotavg.plot.canvas import COLOURS, axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from rotavg.solution import Solution
+    from rotavg.solving.solution import Solution
 
 
 def adjacency(solution: Solution, ax: Axes | None = None, *, cells: int = 300) -> Axes:
@@ -31,10 +31,10 @@ def adjacency(solution: Solution, ax: Axes | None = None, *, cells: int = 300) -
     n = solution.graph.num_nodes
     degrees = np.degrees(solution.residual_angles)
     image = drawn.imshow(
-        drawing.largest_in_cells(solution.graph, degrees, cells),
+        figures.largest_in_cells(solution.graph, degrees, cells),
         cmap=COLOURS,
         vmin=0,
-        vmax=drawing.top_of_scale(degrees),
+        vmax=figures.top_of_scale(degrees),
         extent=(-0.5, n - 0.5, n - 0.5, -0.5),
         interpolation="nearest",
     )

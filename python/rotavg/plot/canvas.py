@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rotavg.errors import OptionError, require
+from rotavg.base.errors import OptionError, require
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotavg import drawing
+from rotavg.drawing import figures
 from rotavg.plot.canvas import axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from rotavg.solution import Solution
+    from rotavg.solving.solution import Solution
 
 _ROUNDING = 1e-16
 
@@ -33,7 +33,7 @@ def convergence(solution: Solution, ax: Axes | None = None) -> Axes:
     drawn = axes(ax)
     trace = solution.trace
     milliseconds = 1e3 * trace.seconds
-    excess = np.maximum(drawing.relative_excess(trace.objective), _ROUNDING)
+    excess = np.maximum(figures.relative_excess(trace.objective), _ROUNDING)
     style = {"linewidth": 1.2, "marker": "o", "markersize": 3 if len(trace) <= 200 else 0}
     drawn.semilogy(milliseconds, excess, color="tab:blue", **style)
     drawn.set(

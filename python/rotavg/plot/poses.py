@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg import drawing
-from rotavg.arrays import as_floats
-from rotavg.errors import GraphError, require
-from rotavg.graph import MeasurementGraph
+from rotavg.base.arrays import as_floats
+from rotavg.base.errors import GraphError, require
+from rotavg.drawing import figures, places
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.plot.canvas import COLOURS, axes_3d
 
 _EDGES, _FRAMES = 20000, 200  # the most that are drawn
@@ -41,15 +41,15 @@ def trajectory(
     """
     drawn = axes_3d(ax)
     place = _positions(graph, rotations, positions)
-    residuals = drawing.residuals_deg(graph, rotations)
+    residuals = figures.residuals_deg(graph, rotations)
     lines = require("mpl_toolkits.mplot3d.art3d", "plot").Line3DCollection
-    shown = drawing.evenly(graph.num_edges, _EDGES)
+    shown = figures.evenly(graph.num_edges, _EDGES)
     segments = place[graph.indices[shown]]
     drawn.add_collection3d(lines(segments, colors="0.8", linewidths=0.4, rasterized=True))
-    _dots(drawn, place, drawing.node_means(graph, residuals), top_deg)
-    kept = drawing.evenly(graph.num_nodes, _FRAMES)
+    _dots(drawn, place, figures.node_means(graph, residuals), top_deg)
+    kept = figures.evenly(graph.num_nodes, _FRAMES)
     R = np.asarray(rotations, dtype=np.float64)[kept]
-    frames = drawing.axes_of_frames(place[kept], R, 0.7 * drawing.spacing(graph, place))
+    frames = places.axes_of_frames(place[kept], R, 0.7 * places.spacing(graph, place))
     for segments, colour in zip(frames, _AXIS_COLOURS):
         drawn.add_collection3d(lines(segments, colors=colour, linewidths=0.8))
     low, high = place.min(axis=0), place.max(axis=0)
@@ -73,14 +73,14 @@ def orientations(
     show. Arguments and errors are those of `trajectory`.
     """
     drawn = axes_3d(ax)
-    residuals = drawing.residuals_deg(graph, rotations)
+    residuals = figures.residuals_deg(graph, rotations)
     directions = np.asarray(rotations, dtype=np.float64)[:, :, 2]
     turn, tilt = np.meshgrid(np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13))
     drawn.plot_wireframe(
         np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt),
         color="0.85", linewidth=0.4,
     )  # fmt: skip
-    _dots(drawn, directions, drawing.node_means(graph, residuals), top_deg)
+    _dots(drawn, directions, figures.node_means(graph, residuals), top_deg)
     drawn.set_aspect("equal")
     drawn.set(xlabel="x", ylabel="y", zlabel="z")
     drawn.set_title(f"viewing directions; mean residual {np.mean(residuals):.3g} deg")
@@ -92,7 +92,7 @@ def _positions(
 ) -> NDArray[np.float64]:
     if given is not None:
         return as_floats(given, (graph.num_nodes, 3), "positions")
-    found = drawing.positions_of(graph, rotations)
+    found = places.positions_of(graph, rotations)
     if found is None:
         raise GraphError(
             "the graph has no translations, and its file no positions of all nodes: "
@@ -110,7 +110,7 @@ def _dots(
         s=max(1.0, 12.0 * min(1.0, 1000 / len(points))),
         cmap=COLOURS,
         vmin=0,
-        vmax=drawing.top_of_scale(values) if top is None else top,
+        vmax=figures.top_of_scale(values) if top is None else top,
         depthshade=False,
         rasterized=True,
     )

@@ -11,7 +11,7 @@ from rotavg.plot.canvas import axes
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from rotavg.solution import Solution
+    from rotavg.solving.solution import Solution
 
 _WIDE = 30.0  # largest over median residual, from which on the scale is logarithmic
 

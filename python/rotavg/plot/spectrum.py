@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
-from rotavg.arrays import as_floats
-from rotavg.errors import require
-from rotavg.graph import MeasurementGraph
+from rotavg.base.arrays import as_floats
+from rotavg.base.errors import require
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.plot.canvas import axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from rotavg.solution import Solution
+    from rotavg.solving.solution import Solution
 
 _DENSE = 600  # rows up to which the full matrix is decomposed
 _WELL_CONNECTED = 0.02  # lambda_2 over the mean degree from which the degrees precondition enough

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg import drawing
-from rotavg.errors import require
+from rotavg.base.errors import require
+from rotavg.drawing import figures
 from rotavg.report.style import COLOUR_BAR, COLOURS, MUTED, SECOND, THIRD
 from rotavg.report.verdict import is_reweighted
-from rotavg.solution import Solution
+from rotavg.solving.solution import Solution
 
 _BINS, _POINTS, _CELLS = 80, 1500, 250
 
@@ -52,7 +52,7 @@ def convergence(solution: Solution) -> Any:
     go = require("plotly.graph_objects", "report")
     trace = solution.trace
     kept = _thinned(len(trace))
-    excess = drawing.relative_excess(trace.objective)
+    excess = figures.relative_excess(trace.objective)
     figure = go.Figure()
     for values, colour, axis in (
         (excess, SECOND, "y"),
@@ -86,7 +86,7 @@ def adjacency(solution: Solution) -> Any:
     """Adjacency matrix, in cells that show the largest residual of the edges in them."""
     go = require("plotly.graph_objects", "report")
     degrees = np.degrees(solution.residual_angles)
-    picture = drawing.largest_in_cells(solution.graph, degrees, _CELLS)
+    picture = figures.largest_in_cells(solution.graph, degrees, _CELLS)
     n, side = solution.graph.num_nodes, len(picture)
     figure = go.Figure()
     figure.add_heatmap(
@@ -96,7 +96,7 @@ def adjacency(solution: Solution) -> Any:
         y0=n / side / 2 - 0.5,
         dy=n / side,
         zmin=0,
-        zmax=drawing.top_of_scale(degrees),
+        zmax=figures.top_of_scale(degrees),
         colorscale=COLOURS,
         hoverongaps=False,
         colorbar=COLOUR_BAR,

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from rotavg import _core
-from rotavg.errors import FormatError, require
+from rotavg.base.errors import FormatError, require
 from rotavg.io import atomic
 from rotavg.report import charts, robust, tables
 from rotavg.report.space import space
 from rotavg.report.verdict import statement
-from rotavg.solution import Solution
+from rotavg.solving.solution import Solution
 
 SUFFIXES = (".html", ".htm")
 

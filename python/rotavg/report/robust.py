@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.errors import require
+from rotavg.base.errors import require
 from rotavg.report.charts import log_axis
 from rotavg.report.style import THIRD, VERDICTS
 from rotavg.report.tables import Cell, Table
-from rotavg.robust import RobustFit
-from rotavg.solution import Solution
+from rotavg.solving.robust import RobustFit
+from rotavg.solving.solution import Solution
 
 MEANINGS = {
     "inlier": "agrees with the others",

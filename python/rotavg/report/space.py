@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg import drawing
-from rotavg.errors import require
+from rotavg.base.errors import require
+from rotavg.drawing import figures, places
 from rotavg.report.style import COLOUR_BAR, COLOURS, MUTED
-from rotavg.solution import Solution
+from rotavg.solving.solution import Solution
 
 _NODES, _EDGES, _FRAMES, _NAMES = 30000, 8000, 250, 10000  # the most that are drawn, or named
 
@@ -19,7 +19,7 @@ _NODES, _EDGES, _FRAMES, _NAMES = 30000, 8000, 250, 10000  # the most that are d
 def space(solution: Solution) -> tuple[Any, str]:
     """The figure, and a sentence that says what it shows and what was left out."""
     figure = require("plotly.graph_objects", "report").Figure()
-    found = drawing.positions_of(solution.graph, solution.rotations)
+    found = places.positions_of(solution.graph, solution.rotations)
     if found is None:
         said = _draw_sphere(figure, solution)
         scene = _scene(np.array([[-1.0] * 3, [1.0] * 3]))
@@ -54,19 +54,19 @@ def _scene(points: NDArray[np.float64]) -> dict[str, Any]:
 def _draw_poses(figure: Any, solution: Solution, positions: NDArray[np.float64]) -> str:
     graph = solution.graph
     degrees = np.degrees(solution.residual_angles)
-    shown = drawing.worst_and_others(degrees, _EDGES)
+    shown = figures.worst_and_others(degrees, _EDGES)
     _draw_segments(
         figure,
         positions[graph.indices[shown]],
         {
             "color": np.repeat(degrees[shown], 3).astype(np.float32),
-            "colorscale": COLOURS, "cmin": 0, "cmax": drawing.top_of_scale(degrees), "width": 2,
+            "colorscale": COLOURS, "cmin": 0, "cmax": figures.top_of_scale(degrees), "width": 2,
         },
     )  # fmt: skip
     _draw_nodes(figure, solution, positions)
-    kept = drawing.evenly(graph.num_nodes, _FRAMES)
-    frames = drawing.axes_of_frames(
-        positions[kept], solution.rotations[kept], 0.6 * drawing.spacing(graph, positions)
+    kept = figures.evenly(graph.num_nodes, _FRAMES)
+    frames = places.axes_of_frames(
+        positions[kept], solution.rotations[kept], 0.6 * places.spacing(graph, positions)
     )
     for segments, colour in zip(frames, ("#d64541", "#3aa655", "#3b7dd8")):
         _draw_segments(figure, segments, {"color": colour, "width": 3})
@@ -104,8 +104,8 @@ def _draw_sphere(figure: Any, solution: Solution) -> str:
 
 def _draw_nodes(figure: Any, solution: Solution, points: NDArray[np.float64]) -> None:
     graph = solution.graph
-    means = drawing.node_means(graph, np.degrees(solution.residual_angles))
-    kept = drawing.evenly(graph.num_nodes, _NODES)
+    means = figures.node_means(graph, np.degrees(solution.residual_angles))
+    kept = figures.evenly(graph.num_nodes, _NODES)
     named = len(kept) <= _NAMES
     x, y, z = points[kept].astype(np.float32).T
     figure.add_scatter3d(
@@ -119,7 +119,7 @@ def _draw_nodes(figure: Any, solution: Solution, points: NDArray[np.float64]) ->
             "color": means[kept].astype(np.float32),
             "colorscale": COLOURS,
             "cmin": 0,
-            "cmax": drawing.top_of_scale(means),
+            "cmax": figures.top_of_scale(means),
             "line": {"width": 0},
             "colorbar": COLOUR_BAR,
         },

@@ -9,12 +9,12 @@ from typing import Union
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.anisotropic import information
-from rotavg.arrays import rows_by_label
-from rotavg.conventions import quaternions_from_matrices
+from rotavg.base.arrays import rows_by_label
+from rotavg.graph.conventions import quaternions_from_matrices
+from rotavg.graph.covariances import information
 from rotavg.report.verdict import is_reweighted
-from rotavg.solution import Solution
-from rotavg.uncertainty import rms_degrees
+from rotavg.solving.solution import Solution
+from rotavg.solving.uncertainty import rms_degrees
 
 Cell = Union[str, float]
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotavg.certificate import Certificate, Verdict
-from rotavg.solution import Solution
+from rotavg.solving.certificate import Certificate, Verdict
+from rotavg.solving.solution import Solution
 
 
 @dataclass(frozen=True)

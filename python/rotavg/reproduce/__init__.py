@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rotavg.base.json_text import json_text
 from rotavg.io import atomic
-from rotavg.json_text import json_text
 from rotavg.reproduce import fig2, fig3, fig4, fig5, table1, table2
 from rotavg.reproduce.experiment import Experiment, Outcome, Settings
 

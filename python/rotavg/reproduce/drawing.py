@@ -6,7 +6,7 @@ import io
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from rotavg.errors import require
+from rotavg.base.errors import require
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

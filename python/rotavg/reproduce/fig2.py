@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotavg.graph import MeasurementGraph
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.reproduce import drawing
 from rotavg.reproduce.experiment import Experiment, Outcome, Settings, markdown_table
 from rotavg.reproduce.measure import ADAPTIVE_SUM, BCD, SUM, Algorithm, timed_solve
-from rotavg.simulate import simulate
-from rotavg.solve import solve
+from rotavg.simulation.simulate import simulate
+from rotavg.solving.solve import solve
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

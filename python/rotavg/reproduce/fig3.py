@@ -10,8 +10,8 @@ import numpy as np
 from rotavg.reproduce import drawing
 from rotavg.reproduce.experiment import Experiment, Outcome, Settings, markdown_table
 from rotavg.reproduce.measure import BCD, BCDSR
-from rotavg.simulate import simulate
-from rotavg.solve import solve
+from rotavg.simulation.simulate import simulate
+from rotavg.solving.solve import solve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotavg.base.errors import require
 from rotavg.colmap import create_database, reconstruct
 from rotavg.colmap.draw import VIEWS, Scene, draw, read_scene
-from rotavg.errors import require
 from rotavg.images.features import find_photographs
 from rotavg.reproduce.experiment import Outcome
 from rotavg.reproduce.photographs import errors_deg, experiment, find_references, measure_all

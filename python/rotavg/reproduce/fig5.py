@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from rotavg.reproduce import drawing
 from rotavg.reproduce.experiment import Experiment, Outcome, Settings, markdown_table
-from rotavg.simulate import Simulation, simulate
-from rotavg.solve import objective, solve
+from rotavg.simulation.simulate import Simulation, simulate
+from rotavg.solving.solve import objective, solve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from rotavg.certificate import Verdict
-from rotavg.graph import MeasurementGraph
-from rotavg.solution import Solution
-from rotavg.solve import certify, solve
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.solving.certificate import Verdict
+from rotavg.solving.solution import Solution
+from rotavg.solving.solve import certify, solve
 
 # The paper's rule with an epsilon of ours, as it does not print its own. For BCDSR it gives no
 # rule: |Y - Y'| / |Y| < epsilon.

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.conventions import convert_family, matrices_from_quaternions, xyzw_from_wxyz
-from rotavg.errors import FileAccessError, FormatError, OptionError
+from rotavg.base.errors import FileAccessError, FormatError, OptionError
+from rotavg.graph.conventions import convert_family, matrices_from_quaternions, xyzw_from_wxyz
 from rotavg.images.features import SUFFIXES
 from rotavg.images.pipeline import Measurement, measure
 from rotavg.reproduce.experiment import Experiment, Outcome, Settings

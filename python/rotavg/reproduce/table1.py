@@ -12,7 +12,7 @@ from rotavg.reproduce import measure
 from rotavg.reproduce.experiment import Experiment, Outcome, Settings, markdown_table
 from rotavg.reproduce.measure import ADAPTIVE_SUM, BCD, BCDSR, SUM, Algorithm, Run
 from rotavg.reproduce.published import TABLE_1, Setting
-from rotavg.simulate import simulate
+from rotavg.simulation.simulate import simulate
 
 SIZES = (20, 200)
 MANY_RUNS, FEW_RUNS = 100, 3

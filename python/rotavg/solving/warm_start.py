@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg import _core
-from rotavg.errors import GraphError
-from rotavg.graph import MeasurementGraph
-from rotavg.ids import IdArray, rows_of
+from rotavg.base.errors import GraphError
+from rotavg.graph.ids import IdArray, rows_of
+from rotavg.graph.measurement_graph import MeasurementGraph
 
 
 def warm_start(

@@ -7,12 +7,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg import _core, anisotropic, conventions
-from rotavg.arrays import as_floats, read_only
-from rotavg.conventions import Convention, QuaternionOrder
-from rotavg.errors import GraphError, require
-from rotavg.ids import IdArray, as_edges, as_nodes, rows_of, unique_ids
-from rotavg.translations import RelativeTranslations
+from rotavg import _core
+from rotavg.base.arrays import as_floats, read_only
+from rotavg.base.errors import GraphError, require
+from rotavg.graph import conventions
+from rotavg.graph.conventions import Convention, QuaternionOrder
+from rotavg.graph.covariances import first_bad_covariance, isotropic_weights, pose_family
+from rotavg.graph.ids import IdArray, as_edges, as_nodes, edge_error, rows_of, unique_ids
+from rotavg.graph.translations import RelativeTranslations
 
 
 class Source(Protocol):
@@ -88,10 +90,10 @@ class MeasurementGraph:
         m = len(self.edges)
         given = conventions.convert_family(as_floats(rotations, (m, 3, 3), "rotations"), convention)
         spread = None if covariances is None else as_floats(covariances, (m, 3, 3), "covariances")
-        if spread is not None and (bad := anisotropic.first_bad_covariance(spread)) is not None:
+        if spread is not None and (bad := first_bad_covariance(spread)) is not None:
             raise edge_error(self.edges, *bad)
         if weights is None:
-            weights = np.ones(m) if spread is None else anisotropic.isotropic_weights(spread)
+            weights = np.ones(m) if spread is None else isotropic_weights(spread)
         weights = as_floats(weights, (m,), "weights")
         try:
             self._core = _core.MeasurementGraph(
@@ -105,7 +107,7 @@ class MeasurementGraph:
         self.rotations = read_only(self._core.rotations)
         self.weights = read_only(weights)
         if spread is not None and convention == "vision":
-            spread = anisotropic.pose_family(spread, self.rotations)
+            spread = pose_family(spread, self.rotations)
         self.covariances = None if spread is None else read_only(spread)
         if translations is not None and len(translations) != m:
             raise GraphError(f"there are {len(translations)} translations, expected {m}")
@@ -193,15 +195,16 @@ class MeasurementGraph:
         Each edge (i, j) has an attribute `rotation` that holds R_ij as a matrix (3, 3) or a
         quaternion (4,) xyzw, and may have a `weight` (1 otherwise).
         """
-        from rotavg.partners.networkx import from_networkx
+        from rotavg.graph.networkx import arrays_from_networkx
 
-        return from_networkx(graph, rotation, weight, convention)
+        arrays = arrays_from_networkx(graph, rotation, weight)
+        return cls(*arrays, convention=convention)
 
     def to_networkx(self) -> Any:
         """A `networkx.MultiDiGraph` with `rotation` (3, 3) and `weight` on every edge."""
-        from rotavg.partners.networkx import to_networkx
+        from rotavg.graph.networkx import networkx_from_arrays
 
-        return to_networkx(self)
+        return networkx_from_arrays(self.edges, self.rotations, self.weights, self.nodes)
 
     def to_scipy(self) -> Any:
         """The relative rotations as a `scipy.spatial.transform.Rotation` of length m."""
@@ -283,12 +286,6 @@ def _rebuild(
         edges, rotations, weights, nodes,
         covariances=covariances, translations=translations, source=source, notes=notes,
     )  # fmt: skip
-
-
-def edge_error(edges: IdArray, edge: int, reason: str) -> GraphError:
-    """A GraphError that names row `edge` of the edges (m, 2), and its nodes."""
-    i, j = edges[edge].tolist()
-    return GraphError(f"edge {edge} ({i!r} -> {j!r}): {reason}", edge=edge)
 
 
 def _indices(edges: IdArray, nodes: IdArray) -> NDArray[np.int32]:

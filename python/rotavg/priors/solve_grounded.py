@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.arrays import rows_by_label
-from rotavg.grounded import Grounded
+from rotavg.base.arrays import rows_by_label
+from rotavg.priors.grounded import Grounded
 
 Run = Callable[..., "dict[str, Any]"]
 

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from rotavg.errors import OptionError
+from rotavg.base.errors import OptionError
 
 _LEAST_ANGLE = 1e-6  # radians; smaller ones drown in rounding
 

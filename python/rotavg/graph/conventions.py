@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg.errors import GraphError
+from rotavg.base.errors import GraphError
 
 Convention = Literal["pose", "vision"]
 QuaternionOrder = Literal["xyzw", "wxyz"]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg.errors import GraphError
+from rotavg.base.errors import GraphError
 
 IdArray = NDArray[Any]  # int64; uint64 where an id needs it; or fixed-width str
 
@@ -108,3 +108,9 @@ def as_nodes(values: ArrayLike) -> IdArray:
         repeated = distinct[count > 1][0].item()
         raise GraphError(f"node {repeated!r} is listed more than once")
     return nodes
+
+
+def edge_error(edges: IdArray, edge: int, reason: str) -> GraphError:
+    """A GraphError that names row `edge` of the edges (m, 2), and its nodes."""
+    i, j = edges[edge].tolist()
+    return GraphError(f"edge {edge} ({i!r} -> {j!r}): {reason}", edge=edge)

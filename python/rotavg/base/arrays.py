@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg.errors import GraphError
+from rotavg.base.errors import GraphError
 
 Array = TypeVar("Array", bound="NDArray[Any]")
 

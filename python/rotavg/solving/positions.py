@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg.arrays import as_floats
-from rotavg.conventions import first_no_rotation
-from rotavg.errors import GraphError, SolverError, require
-from rotavg.graph import MeasurementGraph
+from rotavg.base.arrays import as_floats
+from rotavg.base.errors import GraphError, SolverError, require
+from rotavg.graph.conventions import first_no_rotation
+from rotavg.graph.measurement_graph import MeasurementGraph
 
 
 def positions(

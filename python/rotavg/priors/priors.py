@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
-from rotavg.arrays import as_floats
-from rotavg.errors import GraphError
-from rotavg.graph import MeasurementGraph
-from rotavg.ids import as_ids, rows_of
+from rotavg.base.arrays import as_floats
+from rotavg.base.errors import GraphError
+from rotavg.graph.ids import as_ids, rows_of
+from rotavg.graph.measurement_graph import MeasurementGraph
 
 NodeKey = Union[int, str]
 

@@ -8,18 +8,20 @@ from typing import Any, Literal, TypeVar, Union
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg import _core, options
-from rotavg.arrays import as_floats, read_only
-from rotavg.certificate import Certificate, ComponentCertificate
-from rotavg.errors import GraphError, OptionError, SolverError
-from rotavg.graph import MeasurementGraph
-from rotavg.grounded import ground
-from rotavg.priors import Priors
-from rotavg.robust import Loss, RobustFit
-from rotavg.solution import Solution, Status, Timings, Trace
-from rotavg.solve_anisotropic import refined
-from rotavg.solve_grounded import solve_grounded
-from rotavg.warm_start import warm_start
+from rotavg import _core
+from rotavg.base.arrays import as_floats, read_only
+from rotavg.base.errors import GraphError, OptionError, SolverError
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.priors.grounded import ground
+from rotavg.priors.priors import Priors
+from rotavg.priors.solve_grounded import solve_grounded
+from rotavg.solving import options
+from rotavg.solving.anisotropic import refined
+from rotavg.solving.certificate import Certificate, ComponentCertificate
+from rotavg.solving.robust import Loss, RobustFit
+from rotavg.solving.solution import Solution
+from rotavg.solving.status import Status, Timings, Trace
+from rotavg.solving.warm_start import warm_start
 
 Method = Literal["auto", "bcd", "sum", "newton", "staircase", "bcdsr"]
 Init = Literal["auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random"]

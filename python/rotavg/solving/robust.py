@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg import _core
-from rotavg.arrays import read_only
-from rotavg.errors import GraphError, OptionError
-from rotavg.graph import MeasurementGraph
+from rotavg.base.arrays import read_only
+from rotavg.base.errors import GraphError, OptionError
+from rotavg.graph.measurement_graph import MeasurementGraph
 
 Loss = Literal["l2", "auto", "huber", "l1", "l_half", "cauchy", "geman_mcclure", "tls"]
 

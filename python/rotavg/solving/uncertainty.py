@@ -2,24 +2,49 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
-from rotavg.anisotropic import information
-from rotavg.errors import GraphError, OptionError, SolverError
-from rotavg.ids import as_ids, rows_of
-
-if TYPE_CHECKING:
-    from rotavg.solution import Solution
+from rotavg.base.errors import GraphError, OptionError, SolverError
+from rotavg.graph.covariances import information
+from rotavg.graph.ids import as_ids, rows_of
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.priors.grounded import Grounded
+from rotavg.solving.robust import RobustFit
 
 Frame = Literal["world", "node"]
 
 
+class Solved(Protocol):
+    """What the covariances need to know of a `Solution`, whose attributes these are."""
+
+    @property
+    def graph(self) -> MeasurementGraph: ...
+    @property
+    def rotations(self) -> NDArray[np.float64]: ...
+    @property
+    def objective(self) -> float: ...
+    @property
+    def component(self) -> NDArray[np.int32]: ...
+    @property
+    def num_components(self) -> int: ...
+    @property
+    def residual_angles(self) -> NDArray[np.float64]: ...
+    @property
+    def is_outlier(self) -> NDArray[np.bool_]: ...
+    @property
+    def robust(self) -> RobustFit | None: ...
+    @property
+    def grounded(self) -> Grounded | None: ...
+    @property
+    def isotropic(self) -> object | None: ...
+
+
 def covariances(
-    solution: Solution, pairs: ArrayLike | None, noise_variance: float | None, frame: Frame
+    solution: Solved, pairs: ArrayLike | None, noise_variance: float | None, frame: Frame
 ) -> NDArray[np.float64]:
     """See `Solution.covariances`."""
     if frame not in ("world", "node"):
@@ -74,7 +99,7 @@ def rms_degrees(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.degrees(np.sqrt(np.trace(covariances, axis1=1, axis2=2))))
 
 
-def estimated_noise_variance(solution: Solution) -> float:
+def estimated_noise_variance(solution: Solved) -> float:
     """Variance per axis, radians^2, of the noise of an edge of weight 1: NaN for a forest.
 
     With anisotropic noise: what the covariances are to be multiplied by.
@@ -100,12 +125,12 @@ def estimated_noise_variance(solution: Solution) -> float:
     return float(np.sum(solution.graph.weights[trusted] * chords**2) / freedom)
 
 
-def _information(solution: Solution) -> NDArray[np.float64]:
+def _information(solution: Solved) -> NDArray[np.float64]:
     assert solution.graph.covariances is not None
     return information(solution.graph.covariances, np.where(solution.is_outlier, 1e-6, 1.0))
 
 
-def _noise_variance(solution: Solution, given: float | None) -> float:
+def _noise_variance(solution: Solved, given: float | None) -> float:
     if given is not None:
         if isinstance(given, (int, float, np.number)) and 0 < given < np.inf:
             return float(given)
@@ -119,7 +144,7 @@ def _noise_variance(solution: Solution, given: float | None) -> float:
     return estimate
 
 
-def _rows(solution: Solution, pairs: ArrayLike) -> NDArray[np.int64]:
+def _rows(solution: Solved, pairs: ArrayLike) -> NDArray[np.int64]:
     ids = as_ids(pairs, "pairs")
     if ids.ndim != 2 or ids.shape[1] != 2:
         raise GraphError(f"pairs have shape {ids.shape}, expected (k, 2)")

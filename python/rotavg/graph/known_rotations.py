@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.arrays import as_floats, read_only
-from rotavg.conventions import first_no_rotation, quaternions_from_matrices
-from rotavg.errors import GraphError
-from rotavg.graph import MeasurementGraph
+from rotavg.base.arrays import as_floats, read_only
+from rotavg.base.errors import GraphError
+from rotavg.graph.conventions import first_no_rotation, quaternions_from_matrices
+from rotavg.graph.measurement_graph import MeasurementGraph
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg.arrays import as_floats, read_only, rows_by_label
-from rotavg.conventions import first_no_rotation
-from rotavg.errors import GraphError
-from rotavg.solution import Solution
+from rotavg.base.arrays import as_floats, read_only, rows_by_label
+from rotavg.base.errors import GraphError
+from rotavg.graph.conventions import first_no_rotation
+from rotavg.solving.solution import Solution
 
 SHARES_DEG = (1, 2, 5, 10)
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg.arrays import as_floats, read_only
-from rotavg.errors import GraphError
+from rotavg.base.arrays import as_floats, read_only
+from rotavg.base.errors import GraphError
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 from rotavg import _core
-from rotavg.anisotropic import information
-from rotavg.arrays import read_only
-from rotavg.solution import Solution, Status, Timings, Trace
+from rotavg.base.arrays import read_only
+from rotavg.graph.covariances import information
+from rotavg.solving.solution import Solution
+from rotavg.solving.status import Status, Timings, Trace
 
 
 def refined(solution: Solution, settings: dict[str, Any]) -> Solution:

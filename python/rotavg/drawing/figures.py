@@ -1,4 +1,4 @@
-"""What pictures and reports share: figures of nodes, and which of many things are drawn."""
+"""Figures of edges and nodes for pictures, and which of many things are drawn."""
 
 from __future__ import annotations
 
@@ -6,11 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
-from rotavg.arrays import as_floats
-from rotavg.errors import MissingExtraError, SolverError
-from rotavg.graph import MeasurementGraph
-from rotavg.io.positions import positions as positions_in_file
-from rotavg.positions import positions
+from rotavg.base.arrays import as_floats
+from rotavg.graph.measurement_graph import MeasurementGraph
 
 _ROUNDING_DEG = 1e-9  # residuals below this are zero to the eye: no colours for rounding
 
@@ -19,27 +16,6 @@ def residuals_deg(graph: MeasurementGraph, rotations: ArrayLike) -> NDArray[np.f
     """Angle (m,) between R_i R_ij and R_j of every edge, degrees, at rotations (n, 3, 3)."""
     R = as_floats(rotations, (graph.num_nodes, 3, 3), "rotations")
     return np.degrees(_core.residual_angles(graph._core, R))
-
-
-def positions_of(
-    graph: MeasurementGraph, rotations: ArrayLike
-) -> tuple[NDArray[np.float64], str] | None:
-    """Positions (n, 3) to draw poses at, and a sentence that says where they come from.
-
-    Those that fit the relative translations best, given the rotations; without translations (or
-    SciPy) those of the file that the graph was read from; None where there are none, either.
-    """
-    if graph.translations is not None:
-        try:
-            return positions(graph, rotations), (
-                "The positions fit the measured translations best, given these rotations."
-            )
-        except (MissingExtraError, SolverError):
-            pass
-    found = positions_in_file(graph)
-    if found is None:
-        return None
-    return found, "The positions are those of the input file."
 
 
 def node_means(graph: MeasurementGraph, of_edges: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -95,18 +71,3 @@ def worst_and_others(values: NDArray[np.float64], limit: int) -> NDArray[np.int6
     others = np.sort(order[:-worst])
     kept = others[evenly(len(others), limit - worst)]
     return np.concatenate([kept[np.argsort(values[kept], kind="stable")], order[-worst:]])
-
-
-def axes_of_frames(
-    positions: NDArray[np.float64], rotations: NDArray[np.float64], length: float
-) -> NDArray[np.float64]:
-    """Segments (3, n, 2, 3) that draw the x, y and z axis of world_from_node at every position."""
-    start = np.broadcast_to(positions, (3, *positions.shape))
-    return np.stack([start, start + length * np.moveaxis(rotations, 2, 0)], axis=2)
-
-
-def spacing(graph: MeasurementGraph, positions: NDArray[np.float64]) -> float:
-    """How far apart neighbours are: the median distance between the ends of an edge."""
-    i, j = graph.indices.T
-    distance = float(np.median(np.linalg.norm(positions[i] - positions[j], axis=1)))
-    return distance if distance > 0 else 0.02 * float(np.ptp(positions, axis=0).max())

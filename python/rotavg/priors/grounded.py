@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg import _core
-from rotavg.arrays import rows_by_label
-from rotavg.errors import GraphError
-from rotavg.graph import MeasurementGraph
-from rotavg.priors import CheckedPriors, Priors
+from rotavg.base.arrays import rows_by_label
+from rotavg.base.errors import GraphError
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.priors.priors import CheckedPriors, Priors
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg import topology
-from rotavg.conventions import matrices_from_quaternions, matrices_from_rotvecs
-from rotavg.errors import GraphError
-from rotavg.graph import MeasurementGraph
-from rotavg.known import KnownRotations
-from rotavg.translations import RelativeTranslations
+from rotavg.base.errors import GraphError
+from rotavg.graph.conventions import matrices_from_quaternions, matrices_from_rotvecs
+from rotavg.graph.known_rotations import KnownRotations
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.translations import RelativeTranslations
+from rotavg.simulation import topology
 
 KINDS = ("complete", "erdos_renyi", "cycle", "grid", "sphere", "band")
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg import _core
-from rotavg.graph import MeasurementGraph
+from rotavg.graph.measurement_graph import MeasurementGraph
 
 # Cycles are long on long trajectories; this many tell enough of their errors.
 _MAX_CYCLES = 20000

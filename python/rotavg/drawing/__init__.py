@@ -1,0 +1,1 @@
+"""What plots and reports share: what is drawn, and where."""

@@ -1,0 +1,1 @@
+"""The measurement graph: ids, conventions, rotations, covariances and translations of its edges."""

@@ -1,0 +1,1 @@
+"""Graphs with known rotations, made at random."""

@@ -1,0 +1,1 @@
+"""From a graph to its rotations: solving, certificates, robust losses, covariances, positions."""
