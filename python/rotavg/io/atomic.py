@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -51,6 +49,8 @@ def new_file(path: Path) -> Iterator[Path]:
     For what other libraries write, SQLite's databases for one. Raises FileAccessError if there is
     a file at `path` already, or on what the operating system refuses.
     """
+    import tempfile  # seldom needed, slow to import
+
     if path.exists():
         raise FileAccessError("there is a file already", path=path)
     check_writable(path)
@@ -104,6 +104,8 @@ def _target(path: Path) -> Path:
 
 def _beside(target: Path, data: bytes) -> Path:
     """A temporary file with this content, ready to replace `target`."""
+    import secrets  # brings OpenSSL along, which `import rotavg` does without
+
     if target.exists() and not os.access(target, os.W_OK):
         target.open("ab").close()  # raises: replacing would get round the write protection
     temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(4)}.tmp")
