@@ -2,6 +2,7 @@
 #include <vector>
 
 #include <rotavg/certify/certificate.hpp>
+#include <rotavg/certify/certify_with_priors.hpp>
 #include <rotavg/init/random.hpp>
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/init/warm_start.hpp>
@@ -29,21 +30,19 @@ rotavg::Rotations node_rotations(const MeasurementGraph& graph, const DoubleArra
 }
 
 py::dict certify(const MeasurementGraph& graph, const DoubleArray& rotations, double tolerance,
-                 double time_limit, int num_threads) {
+                 double time_limit, int num_threads, const rotavg::GroundedGraph* priors) {
   const rotavg::Rotations R = to_rotations(rotations, "rotations");
   SignalCheck signals;
-  rotavg::Certificate certificate;
-  {
-    const py::gil_scoped_release release;
-    const rotavg::Stopwatch watch;
-    rotavg::CertificateOptions options;
-    options.tolerance = tolerance;
-    options.num_threads = num_threads;
-    options.keep_going = [&, check = signals.keep_going()] {
-      return watch.seconds() < time_limit && check();
-    };
-    certificate = rotavg::certify(graph, R, options);
-  }
+  const rotavg::Stopwatch watch;
+  rotavg::CertificateOptions options;
+  options.tolerance = tolerance;
+  options.num_threads = num_threads;
+  options.keep_going = [&, check = signals.keep_going()] {
+    return watch.seconds() < time_limit && check();
+  };
+  const rotavg::Certificate certificate = without_gil([&] {
+    return priors ? rotavg::certify(*priors, R, options) : rotavg::certify(graph, R, options);
+  });
   signals.rethrow();
   return certificate_dict(certificate);
 }
@@ -93,7 +92,8 @@ void bind_certify(py::module_& m) {
   register_error<rotavg::InvalidRotation, invalid_rotation_arguments>(m, "InvalidRotation");
 
   m.def("certify", &certify, py::arg("graph"), py::arg("rotations"), py::kw_only(),
-        py::arg("tolerance"), py::arg("time_limit"), py::arg("num_threads"));
+        py::arg("tolerance"), py::arg("time_limit"), py::arg("num_threads"),
+        py::arg("priors").none(true));
   m.def(
       "objective",
       [](const MeasurementGraph& graph, const DoubleArray& rotations) {

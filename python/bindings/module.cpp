@@ -8,6 +8,7 @@ PYBIND11_MODULE(ROTAVG_CORE, m) {
   m.doc() = "The C++ core of rotavg. Use the package `rotavg`, which checks and documents it.";
   m.attr("__version__") = ROTAVG_VERSION;
   rotavg_python::bind_graph(m);
+  rotavg_python::bind_priors(m);
   rotavg_python::bind_solve(m);
   rotavg_python::bind_certify(m);
   rotavg_python::bind_robust(m);

@@ -9,6 +9,7 @@
 #include <pybind11/pybind11.h>
 
 #include <rotavg/certify/certificate.hpp>
+#include <rotavg/reduction/priors.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/verdicts.hpp>
 #include <rotavg/solve/solve.hpp>
@@ -113,6 +114,16 @@ struct Names<rotavg::CertificateMethod> {
       {rotavg::CertificateMethod::relaxation, "relaxation"},
       {rotavg::CertificateMethod::eigenvalue, "eigenvalue"},
       {rotavg::CertificateMethod::nonnegativity, "nonnegativity"}};
+};
+
+template <>
+struct Names<rotavg::PriorKind> {
+  static constexpr std::pair<rotavg::PriorKind, const char*> list[] = {
+      {rotavg::PriorKind::fixed, "fixed"},
+      {rotavg::PriorKind::absolute, "absolute"},
+      {rotavg::PriorKind::gravity, "gravity"},
+      {rotavg::PriorKind::rig, "rig"},
+      {rotavg::PriorKind::down, "down"}};
 };
 
 template <typename Enum>

@@ -4,8 +4,10 @@
 #include <pybind11/stl.h>
 
 #include <rotavg/robust/solve_robust.hpp>
+#include <rotavg/robust/solve_robust_with_priors.hpp>
 #include <rotavg/solve/anisotropic.hpp>
 #include <rotavg/solve/solve.hpp>
+#include <rotavg/solve/solve_with_priors.hpp>
 
 #include "bindings.hpp"
 #include "convert.hpp"
@@ -81,7 +83,8 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
                double tolerance, int max_iterations, double time_limit, int num_threads,
                bool certify, double certificate_tolerance,
                const std::optional<py::function>& callback, const std::string& loss,
-               double loss_scale, double cycle_threshold) {
+               double loss_scale, double cycle_threshold, const rotavg::GroundedGraph* priors,
+               bool start_is_solution) {
   SignalCheck signals;
   rotavg::SolveOptions options;
   options.method = value_of<rotavg::Method>(method);
@@ -106,10 +109,15 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
   rotavg::RobustSolution solution;
   {
     const py::gil_scoped_release release;
-    if (plain) {
-      static_cast<rotavg::Solution&>(solution) = rotavg::solve(graph, options, std::move(R));
-    } else {
+    rotavg::Solution& least_squares = solution;
+    if (plain && !priors) {
+      least_squares = rotavg::solve(graph, options, std::move(R));
+    } else if (plain) {
+      least_squares = rotavg::solve(*priors, options, std::move(R), start_is_solution);
+    } else if (!priors) {
       solution = rotavg::solve_robust(graph, options, robust, std::move(R));
+    } else {
+      solution = rotavg::solve_robust(*priors, options, robust, std::move(R));
     }
   }
   signals.rethrow();
@@ -186,7 +194,8 @@ void bind_solve(py::module_& m) {
         py::arg("max_rank"), py::arg("stop"), py::arg("tolerance"), py::arg("max_iterations"),
         py::arg("time_limit"), py::arg("num_threads"), py::arg("certify"),
         py::arg("certificate_tolerance"), py::arg("callback"), py::arg("loss"),
-        py::arg("loss_scale"), py::arg("cycle_threshold"));
+        py::arg("loss_scale"), py::arg("cycle_threshold"), py::arg("priors").none(true),
+        py::arg("start_is_solution"));
   m.def("refine_anisotropic", &refine_anisotropic, py::arg("graph"), py::arg("information"),
         py::arg("rotations"), py::kw_only(), py::arg("tolerance"), py::arg("max_iterations"),
         py::arg("time_limit"), py::arg("num_threads"), py::arg("callback"),

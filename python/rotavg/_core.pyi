@@ -8,6 +8,7 @@ __version__: str
 
 class InvalidEdge(ValueError): ...
 class InvalidOption(ValueError): ...
+class InvalidPrior(ValueError): ...
 class InvalidRotation(ValueError): ...
 class TooLarge(ValueError): ...
 
@@ -25,6 +26,46 @@ class MeasurementGraph:
     def num_edges(self) -> int: ...
     @property
     def rotations(self) -> NDArray[np.float64]: ...
+
+class GroundedGraph:
+    def __init__(
+        self,
+        given: MeasurementGraph,
+        *,
+        fixed: NDArray[np.int64],
+        fixed_rotations: NDArray[np.float64],
+        absolute: NDArray[np.int64],
+        absolute_rotations: NDArray[np.float64],
+        absolute_weights: NDArray[np.float64],
+        gravity: NDArray[np.int64],
+        gravity_downs: NDArray[np.float64],
+        gravity_weights: NDArray[np.float64],
+        rigs: NDArray[np.int64],
+        rig_frames: NDArray[np.int64],
+        rig_rotations: NDArray[np.float64],
+        down: NDArray[np.float64],
+    ) -> None: ...
+    def with_weights(self, weights: NDArray[np.float64]) -> GroundedGraph: ...
+    @property
+    def kept(self) -> NDArray[np.int32]: ...
+    @property
+    def num_free_headings(self) -> int: ...
+    @property
+    def degrees_of_freedom(self) -> int: ...
+    def objective(self, rotations: NDArray[np.float64]) -> float: ...
+    def edge_costs(self, rotations: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def prior_costs(self, rotations: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def prior_residuals(
+        self, rotations: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+    def covariances(
+        self,
+        rotations: NDArray[np.float64],
+        pairs: NDArray[np.int32] | None,
+        *,
+        noise_variance: float,
+        num_threads: int,
+    ) -> NDArray[np.float64] | None: ...
 
 class Progress:
     @property
@@ -64,6 +105,8 @@ def solve(
     loss: str,
     loss_scale: float,
     cycle_threshold: float,
+    priors: GroundedGraph | None,
+    start_is_solution: bool,
 ) -> dict[str, Any]: ...
 def refine_anisotropic(
     graph: MeasurementGraph,
@@ -84,6 +127,7 @@ def certify(
     tolerance: float,
     time_limit: float,
     num_threads: int,
+    priors: GroundedGraph | None,
 ) -> dict[str, Any]: ...
 def objective(graph: MeasurementGraph, rotations: NDArray[np.float64]) -> float: ...
 def gradient(graph: MeasurementGraph, rotations: NDArray[np.float64]) -> NDArray[np.float64]: ...
@@ -105,9 +149,6 @@ def covariances(
     pairs: NDArray[np.int32],
     *,
     noise_variance: float,
-    held_nodes: list[int],
-    turn_of: list[int],
-    axis: NDArray[np.float64],
     information: NDArray[np.float64] | None,
     num_threads: int,
 ) -> NDArray[np.float64] | None: ...

@@ -12,12 +12,13 @@ import pytest
 from numpy.typing import NDArray
 
 import rotavg
-from rotavg import Priors, _core
+from rotavg import Priors
 from rotavg.graph.conventions import matrices_from_rotvecs
 from rotavg.io import write_gravity
 from rotavg.solving.uncertainty import estimated_noise_variance
 
 DOWN = np.array([0.0, 1.0, 0.0])
+R_1 = matrices_from_rotvecs([0.1, 0, 0])
 
 
 def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -248,23 +249,77 @@ def test_gravity_and_robust_losses() -> None:
     assert error < 0.9 * rotavg.compare(plain.rotations, simulation.ground_truth).rms
 
 
-def test_what_is_stopped_is_certified_in_the_time_that_is_left(
-    simulation: rotavg.Simulation, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    solve, limits = _core.solve, []
-
-    def spied(*args: Any, **options: Any) -> Any:
-        limits.append(options["time_limit"])
-        return solve(*args, **options)
-
-    monkeypatch.setattr(_core, "solve", spied)
+def test_what_is_stopped_is_certified_all_the_same(simulation: rotavg.Simulation) -> None:
     priors = Priors(absolute={7: (np.eye(3), 1.0)})
-    stopped = rotavg.solve(
-        simulation.graph, priors=priors, time_limit=100, callback=lambda progress: False
-    )
+    stopped = rotavg.solve(simulation.graph, priors=priors, callback=lambda progress: False)
     assert stopped.status is rotavg.Status.STOPPED
-    assert limits[0] == 100
-    assert limits[1] < 100
+    assert stopped.certificate is not None
+    best = rotavg.solve(simulation.graph, priors=priors)
+    assert stopped.objective - best.objective <= stopped.certificate.gap
+    late = rotavg.solve(simulation.graph, priors=priors, time_limit=0)
+    assert late.status is rotavg.Status.TIME_LIMIT
+    assert np.isfinite(late.rotations).all()
+
+
+def test_certify_with_priors(simulation: rotavg.Simulation, truth: NDArray[np.float64]) -> None:
+    d = downs(truth, 0.05)
+    priors = Priors(fixed={3: truth[3]}, gravity={k: (d[k], 2.0) for k in range(5, 12)})
+    best = rotavg.solve(simulation.graph, priors=priors)
+    again = rotavg.certify(simulation.graph, best.rotations, priors=priors)
+    assert again.verdict == "proved"
+    turned = best.rotations.copy()
+    turned[8] = matrices_from_rotvecs([0.2, 0, 0]) @ turned[8]
+    worse = rotavg.certify(simulation.graph, turned, priors=priors)
+    assert worse.verdict == "not_certified"
+    excess = objective(simulation.graph, priors, turned) - best.objective
+    assert 0 < excess <= worse.gap
+    turned[3] = turned[8]
+    with pytest.raises(rotavg.GraphError, match="node 3 is not where a fixed rotation"):
+        rotavg.certify(simulation.graph, turned, priors=priors)
+
+
+def test_rigs_share_the_rotation_of_their_frame() -> None:
+    """Against the definition, separate cameras, and stiff edges between the cameras."""
+    rng = np.random.default_rng(5)
+    frames, cameras = 12, 3
+    rig = matrices_from_rotvecs(rng.normal(size=(cameras, 3)))
+    world_from_frame = matrices_from_rotvecs(rng.normal(size=(frames, 3)))
+    truth = (world_from_frame[:, None] @ rig).reshape(-1, 3, 3)
+    n = frames * cameras
+    i, j = np.array([(a, b) for a in range(n) for b in range(a + 1, n) if rng.random() < 0.2]).T
+    noise = matrices_from_rotvecs(0.05 * rng.normal(size=(len(i), 3)))
+    names = np.array([f"cam{k % cameras}/{k // cameras:03}.jpg" for k in range(n)])
+    graph = rotavg.MeasurementGraph(
+        np.stack([names[i], names[j]], axis=1), np.swapaxes(truth[i], 1, 2) @ truth[j] @ noise
+    )
+    rigs = {name: (f"frame{k // cameras}", rig[k % cameras]) for k, name in enumerate(names)}
+    solution = rotavg.solve(graph, priors=Priors(rigs=rigs))
+    assert solution.certificate is not None
+    assert solution.certificate.verdict == "proved"
+    assert "36 cameras of rigs in 12 frames; the certificate covers them" in str(solution)
+    assert solution.objective == pytest.approx(rotavg.objective(graph, solution.rotations))
+    R = np.stack([solution[name] for name in names]).reshape(frames, cameras, 3, 3)
+    of_frames = R @ np.swapaxes(rig, 1, 2)
+    np.testing.assert_allclose(of_frames, of_frames[:, :1].repeat(cameras, axis=1), atol=1e-13)
+    separate = rotavg.solve(graph)
+    assert separate.objective < solution.objective
+    order = [names.tolist().index(name) for name in graph.nodes.tolist()]
+    error = rotavg.compare(solution.rotations, truth[order]).rms
+    assert error < 0.8 * rotavg.compare(separate.rotations, truth[order]).rms
+    # Stiff edges tend to it.
+    stiff = [(a, a + 1) for a in range(n) if a % cameras < cameras - 1]
+    a, b = np.array(stiff).T
+    more = rotavg.MeasurementGraph(
+        np.concatenate([graph.edges, np.stack([names[a], names[b]], axis=1)]),
+        np.concatenate([graph.rotations, np.swapaxes(truth[a], 1, 2) @ truth[b]]),
+        np.concatenate([graph.weights, np.full(len(a), 1e6)]),
+        nodes=graph.nodes,
+    )
+    stiffly = rotavg.solve(more, certify=False)
+    assert np.degrees(rotavg.compare(stiffly.rotations, solution.rotations).rms) < 1e-3
+    spread = solution.covariances([(names[0], names[1]), (names[0], names[5])], noise_variance=1)
+    assert not spread[0].any()
+    assert np.trace(spread[1]) > 0
 
 
 def test_no_priors_change_nothing(simulation: rotavg.Simulation) -> None:
@@ -288,10 +343,16 @@ def test_no_priors_change_nothing(simulation: rotavg.Simulation) -> None:
         ({"gravity": {2: ([0, 1, 0], 1)}, "down": [0, 0, 0]}, "down is .*, expected a finite"),
         (
             {"fixed": {1: np.eye(3)}, "absolute": {1: (np.eye(3), 1)}},
-            "node 1 has a fixed rotation and an absolute prior as well",
+            "the absolute prior of node 1 is of a node whose rotation is fixed",
         ),
         ({"fixed": {k: np.eye(3) for k in range(20)}}, "nothing is left to solve"),
         ({"fixed": [1, 2]}, "expected a dict"),
+        ({"rigs": {1: np.eye(3)}}, "(?s)node 1 is .*, expected a pair of a frame and the"),
+        ({"rigs": {1: (0, np.zeros((3, 3)))}}, "the rig prior of node 1 is no rotation"),
+        (
+            {"rigs": {1: (0, np.eye(3)), 2: (0, np.eye(3))}, "fixed": {1: np.eye(3), 2: R_1}},
+            "the fixed prior of node 2 does not fit the rig",
+        ),
     ],
 )
 def test_bad_priors_say_what_is_wrong(

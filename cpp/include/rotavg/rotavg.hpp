@@ -2,15 +2,17 @@
 
 /// rotavg: absolute rotations from relative ones, with a proof of optimality.
 /// Layers, each using only those before it:
-///   types, parallel, so3, linalg -> graph -> problem -> init, certify -> solve -> robust,
-///   uncertainty
+///   types, parallel, so3, linalg -> graph -> problem -> reduction -> init, certify -> solve ->
+///   robust, uncertainty
 
 #include <rotavg/certify/certificate.hpp>
+#include <rotavg/certify/certify_with_priors.hpp>
 #include <rotavg/graph/breadth_first.hpp>
 #include <rotavg/graph/bridges.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/laplacian.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/graph/parts.hpp>
 #include <rotavg/init/chordal.hpp>
 #include <rotavg/init/edge_support.hpp>
 #include <rotavg/init/quaternion.hpp>
@@ -26,6 +28,16 @@
 #include <rotavg/problem/laplacian_metric.hpp>
 #include <rotavg/problem/lifted.hpp>
 #include <rotavg/problem/objective.hpp>
+#include <rotavg/reduction/alignment.hpp>
+#include <rotavg/reduction/checked_priors.hpp>
+#include <rotavg/reduction/gravity.hpp>
+#include <rotavg/reduction/grounded_graph.hpp>
+#include <rotavg/reduction/prior_objective.hpp>
+#include <rotavg/reduction/priors.hpp>
+#include <rotavg/reduction/reduced_graph.hpp>
+#include <rotavg/reduction/riding.hpp>
+#include <rotavg/reduction/rigs.hpp>
+#include <rotavg/reduction/world.hpp>
 #include <rotavg/robust/consensus.hpp>
 #include <rotavg/robust/cycles.hpp>
 #include <rotavg/robust/gnc.hpp>
@@ -37,6 +49,7 @@
 #include <rotavg/robust/run.hpp>
 #include <rotavg/robust/scale.hpp>
 #include <rotavg/robust/solve_robust.hpp>
+#include <rotavg/robust/solve_robust_with_priors.hpp>
 #include <rotavg/robust/verdicts.hpp>
 #include <rotavg/robust/votes.hpp>
 #include <rotavg/so3/lanes.hpp>
@@ -54,7 +67,9 @@
 #include <rotavg/solve/run.hpp>
 #include <rotavg/solve/solution.hpp>
 #include <rotavg/solve/solve.hpp>
+#include <rotavg/solve/solve_with_priors.hpp>
 #include <rotavg/solve/staircase.hpp>
 #include <rotavg/solve/sum.hpp>
 #include <rotavg/uncertainty/covariance.hpp>
+#include <rotavg/uncertainty/covariance_with_priors.hpp>
 #include <rotavg/version.hpp>

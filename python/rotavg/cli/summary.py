@@ -50,6 +50,7 @@ def _priors(solution: rotavg.Solution) -> dict[str, int] | None:
         "fixed": len(priors.fixed),
         "absolute": len(priors.absolute),
         "gravity": len(priors.gravity),
+        "rigs": len(priors.rigs),
     }
 
 

@@ -14,7 +14,6 @@ from rotavg.base.errors import GraphError, OptionError, SolverError
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.grounded import ground
 from rotavg.priors.priors import Priors
-from rotavg.priors.solve_grounded import solve_grounded
 from rotavg.solving import options
 from rotavg.solving.anisotropic import refined
 from rotavg.solving.certificate import Certificate, ComponentCertificate
@@ -150,19 +149,18 @@ def solve(
         "cycle_threshold": options.angle("cycle_threshold", cycle_threshold, None),
     }
 
-    def run(graph: MeasurementGraph, **changes: Any) -> dict[str, Any]:
-        return _call_core(graph, _core.solve, **{**settings, **changes})
-
     grounded = None if priors is None else ground(graph, priors)
     if anisotropic and grounded is not None:
         raise OptionError("anisotropic is not possible with priors")
     if anisotropic and graph.covariances is None:
         raise OptionError("anisotropic needs a graph with covariances, and this one has none")
-    if grounded is None:
-        core = run(graph)
-    else:
-        warm = origin == "solution" and loss == "l2" and cycle_threshold is None
-        core = solve_grounded(grounded, run, settings, warm=warm)
+    core = _call_core(
+        graph,
+        _core.solve,
+        **settings,
+        priors=None if grounded is None else grounded.core,
+        start_is_solution=origin == "solution",
+    )
     solution = Solution(
         graph=graph,
         rotations=read_only(core["rotations"]),
@@ -188,6 +186,7 @@ def certify(
     graph: MeasurementGraph,
     rotations: ArrayLike,
     *,
+    priors: Priors | None = None,
     tolerance: float = 1e-6,
     time_limit: float | None = None,
     num_threads: int | None = None,
@@ -197,14 +196,17 @@ def certify(
     Args:
         graph: the measurements.
         rotations: (n, 3, 3) world_from_node, rows as in `graph.nodes`. They need not be stationary.
+        priors: what is known beforehand: then the rotations are in the world of the priors, and the
+            bound is that of the problem with them.
         tolerance: the largest relative gap that is called optimal.
         time_limit: limit in seconds; the verdict is "not_certified" where it is hit.
         num_threads: None for all processors.
 
     Raises:
-        GraphError: if these are not n rotations.
+        GraphError: if these are not n rotations, or not where `priors` hold them.
         OptionError: for an option out of range.
     """
+    grounded = None if priors is None else ground(graph, priors)
     certificate = _certificate(
         _call_core(
             graph,
@@ -213,6 +215,7 @@ def certify(
             tolerance=options.nonnegative("tolerance", tolerance),
             time_limit=options.seconds(time_limit),
             num_threads=options.threads(num_threads),
+            priors=None if grounded is None else grounded.core,
         )
     )
     assert certificate is not None

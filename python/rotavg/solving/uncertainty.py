@@ -54,33 +54,24 @@ def covariances(
     if solution.robust is not None:
         # What is distrusted counts for nothing, but keeps the parts of the graph together.
         graph = graph.with_weights(graph.weights * np.where(solution.is_outlier, 1e-6, 1.0))
-    rotations = solution.rotations
-    held: list[int] = []
-    turn = np.empty(0, dtype=np.int32)
-    places = np.arange(graph.num_nodes)
-    if grounded is not None:
-        grounded = grounded.with_weights(graph.weights)
-        graph, rotations, places = grounded.graph, grounded.rows_of(rotations), grounded.row
-        turn = grounded.turn
-        held = np.unique(turn, return_index=True)[1][1:].tolist()  # the world has -1
-    if rows is None:
-        label = graph.components()
-        first = np.unique(label, return_index=True)[1]
-        wanted = np.stack([first[label[places]], places], axis=1)
-    else:
-        wanted = places[rows]
+    variance = _noise_variance(solution, noise_variance)
     try:
-        found = _core.covariances(
-            graph._core,
-            rotations,
-            np.ascontiguousarray(wanted, dtype=np.int32),
-            noise_variance=_noise_variance(solution, noise_variance),
-            held_nodes=held,
-            turn_of=turn.tolist(),
-            axis=np.zeros(3) if grounded is None else grounded.priors.down,
-            information=None if solution.isotropic is None else _information(solution),
-            num_threads=1,
-        )
+        if grounded is not None:
+            found = grounded.with_weights(graph.weights).covariances(
+                solution.rotations,
+                None if rows is None else _indices(rows),
+                noise_variance=variance,
+                num_threads=1,
+            )
+        else:
+            found = _core.covariances(
+                graph._core,
+                solution.rotations,
+                _indices(_from_roots(solution.component) if rows is None else rows),
+                noise_variance=variance,
+                information=None if solution.isotropic is None else _information(solution),
+                num_threads=1,
+            )
     except _core.TooLarge as error:
         raise SolverError(str(error)) from None
     if found is None:
@@ -112,10 +103,11 @@ def estimated_noise_variance(solution: Solved) -> float:
         return solution.objective / freedom if freedom > 0 else float("nan")
     if solution.grounded is not None:
         grounded = solution.grounded
-        costs = grounded.costs(solution.rotations)
-        distrusted = np.flatnonzero(~trusted[grounded.kept])  # the measurements come first
+        costs = grounded.core.edge_costs(solution.rotations)
+        # The measurements come first.
+        distrusted = np.flatnonzero(~trusted[grounded.between_variables])
         costs[distrusted] = 0
-        freedom = grounded.freedom - 3 * len(distrusted)
+        freedom = grounded.core.degrees_of_freedom - 3 * len(distrusted)
         return float(costs.sum() / (2 * freedom)) if freedom > 0 else float("nan")
     parts = solution.num_components if solution.robust is None else solution.robust.num_parts
     freedom = 3 * (int(trusted.sum()) - solution.graph.num_nodes + parts)
@@ -123,6 +115,16 @@ def estimated_noise_variance(solution: Solved) -> float:
         return float("nan")
     chords = 2 * np.sin(solution.residual_angles[trusted] / 2)
     return float(np.sum(solution.graph.weights[trusted] * chords**2) / freedom)
+
+
+def _from_roots(component: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Pairs (n, 2) of the first node of every node's component and the node itself."""
+    first = np.unique(component, return_index=True)[1]
+    return np.stack([first[component], np.arange(len(component))], axis=1)
+
+
+def _indices(pairs: NDArray[np.int64]) -> NDArray[np.int32]:
+    return np.ascontiguousarray(pairs, dtype=np.int32)
 
 
 def _information(solution: Solved) -> NDArray[np.float64]:

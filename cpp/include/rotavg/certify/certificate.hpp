@@ -19,6 +19,7 @@
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/reduction/gravity.hpp>
 
 namespace rotavg {
 
@@ -65,6 +66,7 @@ namespace detail {
 /// What the gap of one component is held against.
 struct Measure {
   double objective = 0.0;  ///< its part of f(R), plus what rounding can have taken away
+  double constant = 0.0;   ///< what gravity's edges cost at any R, and is not in the objective
   /// Sum of w, where no edge counts for more than 1000 times the lightest: or a few heavy edges
   /// would hide all that the others say.
   double weight = 0.0;
@@ -76,16 +78,26 @@ struct Measure {
 };
 
 inline std::vector<Measure> measure_components(const ResidualQuaternions& residuals,
-                                               const Components& components) {
+                                               const Components& components,
+                                               const GravityPairs& gravity) {
   const MeasurementGraph& graph = residuals.graph();
   std::vector<Measure> measures(components.nodes.size());
   std::vector<double> lightest(measures.size(), std::numeric_limits<double>::infinity());
+  auto pair = gravity.first.begin();
   for (Index k = 0; k < graph.num_edges(); ++k) {
     const Index c = components.label[graph.quaternion_edges()[k].i];
-    const double weight = residuals()[k].squaredNorm();
-    measures[c].objective += 8.0 * residuals()[k].head<3>().squaredNorm();
+    const Vector4& e = residuals()[k];
+    const double weight = e.squaredNorm();
     measures[c].weight += weight;
     lightest[c] = std::min(lightest[c], weight);
+    if (pair == gravity.first.end() || k < *pair) {
+      measures[c].objective += 8.0 * e.head<3>().squaredNorm();
+    } else if (k == *pair) {
+      measures[c].objective += gravity.cost(e);
+      measures[c].constant += gravity.constant(e);
+    } else {
+      ++pair;  // the second edge of the pair is in the cost of the first
+    }
   }
   for (Measure& measure : measures) {
     measure.objective += objective_rounding(measure.weight, measure.objective);
@@ -146,11 +158,12 @@ inline ComponentCertificate certify_component(const ComponentBound& bound, const
   certificate.method = bound.method;
   certificate.gap = bound.gap;
   certificate.lambda_min = bound.lambda_min > 0.0 ? 0.0 : bound.lambda_min;  // as N^T S N = 0
-  const double gap = measure.objective - known.value;
+  const double least = std::max(0.0, known.value - measure.constant);
+  const double gap = measure.objective - least;
   // A known bound is the better proof where it leaves nothing to gain.
   const bool nothing_left = measure.relative(gap) <= tolerance && known.method < bound.method;
   if (nothing_left || !(bound.gap < gap)) certificate.gap = gap;
-  if (nothing_left || (known.value > 0.0 && !(bound.gap < gap))) certificate.method = known.method;
+  if (nothing_left || (least > 0.0 && !(bound.gap < gap))) certificate.method = known.method;
   certificate.relative_gap = measure.relative(certificate.gap);
   certificate.verdict = verdict_of(certificate, tolerance);
   return certificate;
@@ -163,15 +176,17 @@ inline ComponentCertificate certify_component(const ComponentBound& bound, const
 /// @param R world_from_i, one rotation per node
 /// @param eliminations of all components, without their roots
 /// @param known lower bounds on the optimum of every component; none if empty
+/// @param gravity edges whose constant counts for nothing in what the gap is held against
 inline Certificate certify(const MeasurementGraph& graph, const Rotations& R,
                            const Components& components, std::vector<Elimination>& eliminations,
                            const CertificateOptions& options,
-                           const std::vector<LowerBound>& known = {}) {
+                           const std::vector<LowerBound>& known = {},
+                           const GravityPairs& gravity = {}) {
   const int num_threads = resolve_num_threads(options.num_threads, graph.num_edges());
 
   const ResidualQuaternions residuals(graph, to_quaternions(R), num_threads);
   const NodeSums sums(residuals);
-  const auto measures = detail::measure_components(residuals, components);
+  const auto measures = detail::measure_components(residuals, components, gravity);
   Certificate certificate;
   certificate.gap = certificate.relative_gap = 0.0;
   certificate.method = CertificateMethod::factorization;

@@ -200,4 +200,12 @@ class MeasurementGraph {
   double min_weight_ = std::numeric_limits<double>::infinity();
 };
 
+/// (m,) the weights of the edges.
+inline std::vector<double> weights_of(const MeasurementGraph& graph) {
+  std::vector<double> weights;
+  weights.reserve(graph.edges().size());
+  for (const Edge& e : graph.edges()) weights.push_back(e.weight);
+  return weights;
+}
+
 }  // namespace rotavg

@@ -52,13 +52,6 @@ inline void robust_weights(const std::vector<double>& weights, const std::vector
   });
 }
 
-inline std::vector<double> weights_of(const MeasurementGraph& graph) {
-  std::vector<double> weights;
-  weights.reserve(graph.edges().size());
-  for (const Edge& e : graph.edges()) weights.push_back(e.weight);
-  return weights;
-}
-
 /// The same for the residuals of a graph with the given weights.
 inline std::vector<double> robust_weights(const MeasurementGraph& graph, const Quaternions& q,
                                           const RobustLoss& loss, int num_threads) {

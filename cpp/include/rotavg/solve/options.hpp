@@ -17,6 +17,12 @@ enum class Method {
   bcdsr,  ///< block coordinate descent on the semidefinite relaxation, the paper's baseline
 };
 
+/// Its name in sentences.
+inline const char* name_of(Method method) {
+  constexpr const char* names[] = {"auto", "bcd", "sum", "newton", "staircase", "bcdsr"};
+  return names[static_cast<int>(method)];
+}
+
 /// When an iteration has converged.
 enum class StopRule {
   gradient,  ///< GradientNorm::relative <= tolerance

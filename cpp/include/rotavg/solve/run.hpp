@@ -16,6 +16,7 @@
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/init/spanning_tree.hpp>
 #include <rotavg/problem/gauge.hpp>
+#include <rotavg/reduction/gravity.hpp>
 #include <rotavg/solve/accelerated.hpp>
 #include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/bcd.hpp>
@@ -31,9 +32,11 @@ namespace rotavg {
 class SolveRun {
  public:
   /// @param graph, options must outlive this object
-  SolveRun(const MeasurementGraph& graph, const SolveOptions& options)
+  /// @param gravity of the edges; its constant is no part of what a gap is held against
+  SolveRun(const MeasurementGraph& graph, const SolveOptions& options, GravityPairs gravity = {})
       : graph_(graph),
         options_(options),
+        gravity_(std::move(gravity)),
         components_(connected_components(graph)),
         eliminations_(grounded_eliminations(graph, components_)),
         lower_bounds_(components_.nodes.size()),
@@ -130,7 +133,7 @@ class SolveRun {
     certificate.num_threads = options_.iteration.num_threads;
     certificate.keep_going = keep_going_;
     solution.certificate = rotavg::certify(graph_, solution.rotations, components_, eliminations_,
-                                           certificate, lower_bounds_);
+                                           certificate, lower_bounds_, gravity_);
     solution.timings.certify += watch_.seconds() - before;
   }
 
@@ -162,6 +165,7 @@ class SolveRun {
 
   const MeasurementGraph& graph_;
   const SolveOptions& options_;
+  const GravityPairs gravity_;
   const Stopwatch watch_;
   const Components components_;
   std::vector<Elimination> eliminations_;

@@ -137,26 +137,12 @@ inline void climb_from(SolveRun& run, Rotations R, Solution& solution) {
   solution.reason += (solution.reason.empty() ? "" : "; ") + report;
 }
 
-}  // namespace detail
-
-/// Finds the rotations that fit the measurements best, and certifies them. In every component the
-/// first node has R = I.
-///
-/// Where the method is left to choose, an answer that has converged but is refuted is not the end:
-/// if the start is left to choose as well, a second answer from the chordal start is computed; and
-/// if that is refuted, too, the staircase is climbed. The best rotations are returned, with the
-/// best bound.
-///
-/// @param start an initial value to use instead of options.init (a warm start)
-/// @throws std::invalid_argument unless `start` holds a rotation for each node, for a tolerance or
-///         limit that is negative or not a number, and if bcdsr's dense matrix does not fit in
-///         memory
-inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options = {},
-                      std::optional<Rotations> start = std::nullopt) {
-  SolveRun run(graph, options);
+/// All runs of one call of solve().
+inline Solution solve(SolveRun& run, std::optional<Rotations> start) {
+  const SolveOptions& options = run.options();
   const bool given = start.has_value(), automatic = options.method == Method::automatic;
   Solution solution;
-  const Rotations R = given ? checked_rotations(graph, *std::move(start))
+  const Rotations R = given ? checked_rotations(run.graph(), *std::move(start))
                             : run.initial_value(options.init, solution.init);
   solution.timings.init = run.seconds();
   if (options.method == Method::staircase) {
@@ -174,6 +160,26 @@ inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options
   const bool unfinished = solution.certificate.verdict == Verdict::not_certified;
   if (run.asked_to_stop() && unfinished) solution.status = Status::stopped;
   return solution;
+}
+
+}  // namespace detail
+
+/// Finds the rotations that fit the measurements best, and certifies them. In every component the
+/// first node has R = I.
+///
+/// Where the method is left to choose, an answer that has converged but is refuted is not the end:
+/// if the start is left to choose as well, a second answer from the chordal start is computed; and
+/// if that is refuted, too, the staircase is climbed. The best rotations are returned, with the
+/// best bound.
+///
+/// @param start an initial value to use instead of options.init (a warm start)
+/// @throws std::invalid_argument unless `start` holds a rotation for each node, for a tolerance or
+///         limit that is negative or not a number, and if bcdsr's dense matrix does not fit in
+///         memory
+inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options = {},
+                      std::optional<Rotations> start = std::nullopt) {
+  SolveRun run(graph, options);
+  return detail::solve(run, std::move(start));
 }
 
 }  // namespace rotavg

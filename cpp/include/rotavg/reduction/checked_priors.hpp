@@ -1,0 +1,139 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include <Eigen/LU>
+
+#include <rotavg/graph/measurement.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/graph/node_rows.hpp>
+#include <rotavg/reduction/priors.hpp>
+#include <rotavg/so3/nearest.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// The priors of one graph, with rows for ids, in the order of the rows; exact rotations,
+/// directions of length 1.
+struct CheckedPriors {
+  struct Rotation {
+    Index node;
+    Matrix3 world_from_node;
+    double weight;  // without meaning where it is fixed
+  };
+  struct Gravity {
+    Index node;
+    Vector3 down;
+    double weight;
+  };
+  struct Rig {
+    Index node;
+    NodeId frame;
+    Matrix3 frame_from_node;
+  };
+  std::vector<Rotation> fixed, absolute;
+  std::vector<Gravity> gravity;
+  std::vector<Rig> rigs;
+  Vector3 down;
+};
+
+namespace detail {
+
+/// Checks one prior after the other, and finds its row.
+class PriorCheck {
+ public:
+  explicit PriorCheck(const MeasurementGraph& graph) : rows_(graph.nodes()) {}
+
+  Index row(PriorKind kind, NodeId node) const {
+    const Index row = rows_.find(node);
+    if (row < 0) throw InvalidPrior(kind, node, "is of a node that is not in the graph");
+    return row;
+  }
+
+  static Matrix3 rotation(PriorKind kind, NodeId node, const Matrix3& R) {
+    const double error = (R.transpose() * R - Matrix3::Identity()).cwiseAbs().maxCoeff();
+    if (!(error <= max_orthogonality_error) || R.determinant() < 0.0) {
+      throw InvalidPrior(kind, node, "is no rotation, expected R^T R = I and det R = 1");
+    }
+    return nearest_rotation(R);
+  }
+
+  static Vector3 direction(PriorKind kind, NodeId node, const Vector3& v) {
+    const double size = v.cwiseAbs().maxCoeff();
+    if (!(size > 0.0 && v.allFinite())) {
+      std::ostringstream reason;
+      reason << "is [" << v.x() << ", " << v.y() << ", " << v.z()
+             << "], expected a finite direction other than zero";
+      throw InvalidPrior(kind, node, reason.str());
+    }
+    return (v / size).normalized();
+  }
+
+  static double weight(PriorKind kind, NodeId node, double weight) {
+    if (weight >= min_weight && weight <= max_weight) return weight;
+    std::ostringstream reason;
+    reason << "has the weight " << weight << ", expected one from " << min_weight << " to "
+           << max_weight;
+    throw InvalidPrior(kind, node, reason.str());
+  }
+
+ private:
+  NodeRows rows_;
+};
+
+template <typename Prior>
+void sort_by_node(std::vector<Prior>& priors) {
+  std::stable_sort(priors.begin(), priors.end(),
+                   [](const Prior& a, const Prior& b) { return a.node < b.node; });
+}
+
+}  // namespace detail
+
+/// @throws InvalidPrior for a node that is not in the graph, that is fixed twice or has a fixed
+///         rotation and an absolute prior as well, or that is in two frames; for a matrix that is
+///         no rotation, a direction that is zero or not finite, or a weight out of bounds
+inline CheckedPriors checked_priors(const MeasurementGraph& graph, const Priors& priors) {
+  using Check = detail::PriorCheck;
+  const Check check(graph);
+  CheckedPriors checked;
+  std::vector<int> holds(static_cast<std::size_t>(graph.num_nodes()), 0);
+  for (const FixedRotation& p : priors.fixed) {
+    const Index row = check.row(PriorKind::fixed, p.node);
+    if (holds[row]++ > 0) throw InvalidPrior(PriorKind::fixed, p.node, "stands twice");
+    checked.fixed.push_back(
+        {row, Check::rotation(PriorKind::fixed, p.node, p.world_from_node), 0.0});
+  }
+  for (const AbsolutePrior& p : priors.absolute) {
+    const Index row = check.row(PriorKind::absolute, p.node);
+    if (holds[row] > 0) {
+      throw InvalidPrior(PriorKind::absolute, p.node, "is of a node whose rotation is fixed");
+    }
+    checked.absolute.push_back({row,
+                                Check::rotation(PriorKind::absolute, p.node, p.world_from_node),
+                                Check::weight(PriorKind::absolute, p.node, p.weight)});
+  }
+  for (const GravityPrior& p : priors.gravity) {
+    checked.gravity.push_back({check.row(PriorKind::gravity, p.node),
+                               Check::direction(PriorKind::gravity, p.node, p.down),
+                               Check::weight(PriorKind::gravity, p.node, p.weight)});
+  }
+  std::fill(holds.begin(), holds.end(), 0);
+  for (const RigCamera& p : priors.rigs) {
+    const Index row = check.row(PriorKind::rig, p.node);
+    if (holds[row]++ > 0) throw InvalidPrior(PriorKind::rig, p.node, "stands twice");
+    checked.rigs.push_back(
+        {row, p.frame, Check::rotation(PriorKind::rig, p.node, p.frame_from_node)});
+  }
+  detail::sort_by_node(checked.fixed);
+  detail::sort_by_node(checked.absolute);
+  detail::sort_by_node(checked.gravity);
+  detail::sort_by_node(checked.rigs);
+  checked.down = Check::direction(PriorKind::down, 0, priors.down);
+  return checked;
+}
+
+}  // namespace rotavg

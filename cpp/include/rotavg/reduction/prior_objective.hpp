@@ -1,0 +1,94 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+#include <rotavg/problem/objective.hpp>
+#include <rotavg/reduction/gravity.hpp>
+#include <rotavg/reduction/grounded_graph.hpp>
+#include <rotavg/so3/lie.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// By how many radians priors are missed.
+struct PriorResiduals {
+  std::vector<double> absolute;  ///< in the order of the rows of their nodes
+  std::vector<double> gravity;   ///< tilts, in the same order
+};
+
+/// @param R (n,) world_from_node
+inline PriorResiduals prior_residuals(const GroundedGraph& problem, const Rotations& R) {
+  const CheckedPriors& priors = problem.priors();
+  PriorResiduals residuals;
+  for (const CheckedPriors::Rotation& p : priors.absolute) {
+    residuals.absolute.push_back(angle_between(R[p.node], p.world_from_node));
+  }
+  for (const CheckedPriors::Gravity& p : priors.gravity) {
+    const double chord = (R[p.node] * p.down - priors.down).norm();
+    residuals.gravity.push_back(2.0 * std::asin(std::min(1.0, 0.5 * chord)));
+  }
+  return residuals;
+}
+
+/// What the priors of every given node (n,) add to the objective at R (n,), world_from_node.
+inline std::vector<double> prior_costs(const GroundedGraph& problem, const Rotations& R) {
+  const CheckedPriors& priors = problem.priors();
+  std::vector<double> costs(R.size(), 0.0);
+  for (const CheckedPriors::Rotation& p : priors.absolute) {
+    costs[p.node] += p.weight * (R[p.node] - p.world_from_node).squaredNorm();
+  }
+  for (const CheckedPriors::Gravity& p : priors.gravity) {
+    costs[p.node] += gravity_cost(R[p.node], p.down, priors.down, p.weight);
+  }
+  return costs;
+}
+
+/// What every edge (m',) of problem.graph() adds to the objective; a pair of gravity, but for its
+/// constant, in its first edge.
+inline std::vector<double> edge_costs(const GroundedGraph& problem, const Rotations& R) {
+  const MeasurementGraph& graph = problem.graph();
+  const Rotations Q = problem.variables_from(R);
+  const Quaternions q = to_quaternions(Q);
+  std::vector<double> costs;
+  costs.reserve(graph.edges().size());
+  for (const Edge& e : graph.edges()) costs.push_back(e.weight * residual(e, Q).squaredNorm());
+  for (const Index first : problem.gravity().first) {
+    costs[first] = problem.gravity().cost(residual_quaternion(graph.quaternion_edges()[first], q));
+    costs[first + 1] = 0.0;
+  }
+  return costs;
+}
+
+/// The objective of measurements and priors at R (n,), world_from_node, with what nothing can
+/// change between nodes of one variable, and without the constant of gravity's edges.
+inline double objective(const GroundedGraph& problem, const Rotations& R) {
+  const std::vector<double> of_priors = prior_costs(problem, R), of_edges = edge_costs(problem, R);
+  std::vector<bool> kept(problem.given().edges().size(), false);
+  double sum = 0.0;
+  for (std::size_t k = 0; k < problem.kept().size(); ++k) {
+    kept[problem.kept()[k]] = true;
+    sum += of_edges[k];
+  }
+  for (Index k = 0; k < problem.given().num_edges(); ++k) {
+    const Edge& e = problem.given().edges()[k];
+    if (!kept[k]) sum += problem.weights()[k] * residual(e, R).squaredNorm();
+  }
+  for (const double cost : of_priors) sum += cost;
+  return sum;
+}
+
+/// Equations less unknowns, if every equation has full rank: the degrees of freedom of the
+/// residuals.
+inline Index degrees_of_freedom(const GroundedGraph& problem) {
+  const auto kept = static_cast<Index>(problem.kept().size());
+  const auto pairs = static_cast<Index>(problem.gravity().first.size());
+  const Index absolute = problem.graph().num_edges() - kept - 2 * pairs;
+  const Index gauges = problem.components().size();  // the world, or a free gauge, in each
+  return 3 * (kept + absolute) + 2 * pairs -
+         (3 * (problem.graph().num_nodes() - gauges) - problem.num_free_headings());
+}
+
+}  // namespace rotavg

@@ -1,0 +1,100 @@
+#pragma once
+
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/reduction/riding.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// The measurements between the variables that the nodes of a graph ride on, as a graph of these:
+/// first those of the given measurements that join two variables, in their order, then others.
+class ReducedGraph {
+ public:
+  /// @param given must outlive this object
+  /// @param others edges between variables, known by their rows
+  /// @throws std::invalid_argument if no edge joins two variables
+  ReducedGraph(const MeasurementGraph& given, Riding riding,
+               const std::vector<RelativeRotation>& others = {})
+      : given_(&given),
+        weights_(weights_of(given)),
+        riding_(std::move(riding)),
+        kept_(edges_between_variables(given, riding_)),
+        graph_(measurements(others), rows(riding_.num_variables)) {}
+
+  const MeasurementGraph& given() const { return *given_; }
+  /// (m,) of the given measurements.
+  const std::vector<double>& weights() const { return weights_; }
+  const Riding& riding() const { return riding_; }
+  const MeasurementGraph& graph() const { return graph_; }
+  /// The rows of the given measurements that are edges 0 … size - 1 of graph().
+  const std::vector<Index>& kept() const { return kept_; }
+
+  /// Gives the measurements other weights, one for each of the given graph.
+  /// @throws InvalidEdge for a weight out of bounds
+  void set_weights(std::vector<double> weights) {
+    weights_ = std::move(weights);
+    std::vector<double> reduced;
+    reduced.reserve(graph_.edges().size());
+    for (const Index k : kept_) reduced.push_back(weights_[k]);
+    for (std::size_t k = kept_.size(); k < graph_.edges().size(); ++k) {
+      reduced.push_back(graph_.edges()[k].weight);
+    }
+    graph_.set_weights(reduced);
+  }
+
+ private:
+  static std::vector<Index> edges_between_variables(const MeasurementGraph& given,
+                                                    const Riding& riding) {
+    std::vector<Index> kept;
+    for (Index k = 0; k < given.num_edges(); ++k) {
+      const Edge& e = given.edges()[k];
+      if (riding.variable[e.i] != riding.variable[e.j]) kept.push_back(k);
+    }
+    return kept;
+  }
+
+  std::vector<RelativeRotation> measurements(const std::vector<RelativeRotation>& others) const {
+    std::vector<RelativeRotation> result;
+    result.reserve(kept_.size() + others.size());
+    for (const Index k : kept_) {
+      const Edge& e = given_->edges()[k];
+      result.push_back({riding_.variable[e.i], riding_.variable[e.j],
+                        riding_.between(e.i, e.i_from_j, e.j), e.weight});
+    }
+    result.insert(result.end(), others.begin(), others.end());
+    return result;
+  }
+
+  static std::vector<NodeId> rows(Index num_variables) {
+    std::vector<NodeId> ids(static_cast<std::size_t>(num_variables));
+    std::iota(ids.begin(), ids.end(), NodeId{0});
+    return ids;
+  }
+
+  const MeasurementGraph* given_;
+  std::vector<double> weights_;
+  Riding riding_;
+  std::vector<Index> kept_;
+  MeasurementGraph graph_;
+};
+
+/// The components of nodes from those of the variables they ride on, with the same labels.
+inline Components components_of_nodes(const Riding& riding, const Components& of_variables) {
+  Components components;
+  components.nodes.resize(of_variables.nodes.size());
+  for (Index i = 0; i < riding.num_nodes(); ++i) {
+    const Index label = of_variables.label[riding.variable[i]];
+    std::vector<Index>& nodes = components.nodes[label];
+    components.label.push_back(label);
+    components.row_in_component.push_back(static_cast<Index>(nodes.size()));
+    nodes.push_back(i);
+  }
+  return components;
+}
+
+}  // namespace rotavg

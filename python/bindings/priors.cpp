@@ -1,0 +1,143 @@
+#include <optional>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+#include <pybind11/stl.h>
+
+#include <rotavg/reduction/grounded_graph.hpp>
+#include <rotavg/reduction/prior_objective.hpp>
+#include <rotavg/uncertainty/covariance_with_priors.hpp>
+
+#include "bindings.hpp"
+#include "convert.hpp"
+#include "covariances.hpp"
+#include "errors.hpp"
+#include "names.hpp"
+
+namespace rotavg_python {
+namespace {
+
+using rotavg::GroundedGraph;
+using rotavg::Index;
+using rotavg::MeasurementGraph;
+
+using IdArray = py::array_t<rotavg::NodeId, py::array::c_style | py::array::forcecast>;
+
+void check_count(const py::array& array, std::size_t count, const char* name) {
+  if (array.ndim() < 1 || static_cast<std::size_t>(array.shape(0)) != count) {
+    throw std::invalid_argument(std::string(name) + " must be as many as the nodes");
+  }
+}
+
+/// Nodes are known by their rows. Every argument is an array with one entry for each prior.
+GroundedGraph make_grounded(const MeasurementGraph& given, const IdArray& fixed,
+                            const DoubleArray& fixed_rotations, const IdArray& absolute,
+                            const DoubleArray& absolute_rotations,
+                            const DoubleArray& absolute_weights, const IdArray& gravity,
+                            const DoubleArray& gravity_downs, const DoubleArray& gravity_weights,
+                            const IdArray& rigs, const IdArray& rig_frames,
+                            const DoubleArray& rig_rotations, const DoubleArray& down) {
+  rotavg::Priors priors;
+  const auto count = [](const IdArray& nodes) { return static_cast<std::size_t>(nodes.size()); };
+  const rotavg::Rotations held = to_rotations(fixed_rotations, "fixed_rotations");
+  check_count(fixed_rotations, count(fixed), "fixed_rotations");
+  for (std::size_t k = 0; k < held.size(); ++k) priors.fixed.push_back({fixed.data()[k], held[k]});
+
+  const rotavg::Rotations known = to_rotations(absolute_rotations, "absolute_rotations");
+  check_count(absolute_rotations, count(absolute), "absolute_rotations");
+  check_count(absolute_weights, known.size(), "absolute_weights");
+  for (std::size_t k = 0; k < known.size(); ++k) {
+    priors.absolute.push_back({absolute.data()[k], known[k], absolute_weights.data()[k]});
+  }
+
+  check_count(gravity_downs, count(gravity), "gravity_downs");
+  check_count(gravity_weights, count(gravity), "gravity_weights");
+  if (gravity_downs.ndim() != 2 || gravity_downs.shape(1) != 3 || down.size() != 3) {
+    throw std::invalid_argument("directions must have three entries");
+  }
+  for (std::size_t k = 0; k < count(gravity); ++k) {
+    const rotavg::Vector3 d(gravity_downs.data() + 3 * k);
+    priors.gravity.push_back({gravity.data()[k], d, gravity_weights.data()[k]});
+  }
+
+  const rotavg::Rotations cameras = to_rotations(rig_rotations, "rig_rotations");
+  check_count(rig_rotations, count(rigs), "rig_rotations");
+  check_count(rig_frames, cameras.size(), "rig_frames");
+  for (std::size_t k = 0; k < cameras.size(); ++k) {
+    priors.rigs.push_back({rigs.data()[k], rig_frames.data()[k], cameras[k]});
+  }
+  priors.down = rotavg::Vector3(down.data());
+  const py::gil_scoped_release release;
+  return GroundedGraph(given, priors);
+}
+
+rotavg::Rotations node_rotations(const GroundedGraph& problem, const DoubleArray& array) {
+  return rotavg::checked_rotations(problem.given(), to_rotations(array, "rotations"));
+}
+
+py::object covariances(const GroundedGraph& problem, const DoubleArray& rotations,
+                       const std::optional<IndexArray>& pairs, double noise_variance,
+                       int num_threads) {
+  const rotavg::Rotations R = node_rotations(problem, rotations);
+  std::vector<rotavg::NodePair> wanted;
+  if (pairs) wanted = node_pairs(*pairs, problem.given().num_nodes());
+  rotavg::CovarianceOptions options;
+  options.noise_variance = noise_variance;
+  options.num_threads = num_threads;
+  return covariances_or_none(options, [&](const rotavg::CovarianceOptions& checked) {
+    return pairs ? rotavg::covariances(problem, R, wanted, checked)
+                 : rotavg::marginal_covariances(problem, R, checked);
+  });
+}
+
+template <double (*function)(const GroundedGraph&, const rotavg::Rotations&)>
+double number(const GroundedGraph& problem, const DoubleArray& rotations) {
+  return function(problem, node_rotations(problem, rotations));
+}
+
+template <std::vector<double> (*function)(const GroundedGraph&, const rotavg::Rotations&)>
+py::array_t<double> numbers(const GroundedGraph& problem, const DoubleArray& rotations) {
+  return from_vector(function(problem, node_rotations(problem, rotations)));
+}
+
+py::tuple invalid_prior_arguments(const rotavg::InvalidPrior& error) {
+  return py::make_tuple(name_of(error.kind()), error.node(), error.reason());
+}
+
+}  // namespace
+
+void bind_priors(py::module_& m) {
+  register_error<rotavg::InvalidPrior, invalid_prior_arguments>(m, "InvalidPrior");
+  py::class_<GroundedGraph>(m, "GroundedGraph")
+      .def(py::init(&make_grounded), py::keep_alive<1, 2>(), py::arg("given"), py::kw_only(),
+           py::arg("fixed"), py::arg("fixed_rotations"), py::arg("absolute"),
+           py::arg("absolute_rotations"), py::arg("absolute_weights"), py::arg("gravity"),
+           py::arg("gravity_downs"), py::arg("gravity_weights"), py::arg("rigs"),
+           py::arg("rig_frames"), py::arg("rig_rotations"), py::arg("down"))
+      .def(
+          "with_weights",
+          [](const GroundedGraph& problem, const DoubleArray& weights) {
+            GroundedGraph other = problem;
+            other.set_weights({weights.data(), weights.data() + weights.size()});
+            return other;
+          },
+          py::keep_alive<0, 1>(), py::arg("weights"))
+      .def_property_readonly("kept", [](const GroundedGraph& p) { return from_vector(p.kept()); })
+      .def_property_readonly("num_free_headings", &GroundedGraph::num_free_headings)
+      .def_property_readonly("degrees_of_freedom", &rotavg::degrees_of_freedom)
+      .def("objective", &number<&rotavg::objective>, py::arg("rotations"))
+      .def("edge_costs", &numbers<&rotavg::edge_costs>, py::arg("rotations"))
+      .def("prior_costs", &numbers<&rotavg::prior_costs>, py::arg("rotations"))
+      .def(
+          "prior_residuals",
+          [](const GroundedGraph& problem, const DoubleArray& rotations) {
+            const auto found = rotavg::prior_residuals(problem, node_rotations(problem, rotations));
+            return py::make_tuple(from_vector(found.absolute), from_vector(found.gravity));
+          },
+          py::arg("rotations"))
+      .def("covariances", &covariances, py::arg("rotations"), py::arg("pairs"), py::kw_only(),
+           py::arg("noise_variance"), py::arg("num_threads"));
+}
+
+}  // namespace rotavg_python
