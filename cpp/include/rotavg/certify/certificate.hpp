@@ -20,6 +20,9 @@
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 enum class Verdict {
@@ -207,3 +210,5 @@ inline Certificate certify(const MeasurementGraph& graph, const Rotations& given
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

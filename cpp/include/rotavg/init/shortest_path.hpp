@@ -6,6 +6,9 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// R_j at one end of an edge from R_i at the other: R_i R_ij, or R_i R_ji^T.
@@ -28,3 +31,5 @@ inline Rotations shortest_path_init(const MeasurementGraph& graph) {
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -16,6 +16,9 @@
 #include <rotavg/linalg/symbolic_cholesky.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Sparse Cholesky factorisation, P (A + shift I) P^T = L L^T, of a matrix of B x B blocks by the
@@ -291,3 +294,5 @@ class BlockCholesky {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -13,6 +13,9 @@
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Anderson's mixing (Anderson 1965) of a fixed-point iteration q <- step(q), in the space of free
@@ -126,3 +129,5 @@ class AndersonMixing {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop
