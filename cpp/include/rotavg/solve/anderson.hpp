@@ -83,7 +83,7 @@ class AndersonMixing {
 
   void add_pair(const Columns& x, const Columns& residual) {
     Pair pair{Columns(4, x.cols()), Columns(4, x.cols())};
-    Columns &u = pair.u, &r = pair.r;  // no structured binding: a lambda of C++17 may not capture it
+    Columns &u = pair.u, &r = pair.r;  // lambdas of C++17 capture no structured binding
     for_nodes([&](Index l) {
       u.col(l) = x.col(l) - last_x_.col(l);
       r.col(l) = residual.col(l) - last_residual_.col(l);
