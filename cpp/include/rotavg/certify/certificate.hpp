@@ -21,6 +21,9 @@
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/reduction/gravity.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 enum class Verdict {
@@ -222,3 +225,5 @@ inline Certificate certify(const MeasurementGraph& graph, const Rotations& given
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

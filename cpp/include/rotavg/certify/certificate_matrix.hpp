@@ -18,6 +18,9 @@
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// What the edges at every node add up to, at some rotations: all that the certificates of the
@@ -171,3 +174,5 @@ class CertificateMatrix {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -17,6 +17,9 @@
 #include <rotavg/linalg/small_eigen.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Proofs at 1/27 of the cost of factorising S or less, for well connected graphs: that the
@@ -163,3 +166,5 @@ class Connectivity {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

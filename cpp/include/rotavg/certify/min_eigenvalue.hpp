@@ -14,6 +14,9 @@
 #include <rotavg/linalg/lobpcg.hpp>
 #include <rotavg/parallel/threads.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// A lower estimate of lambda_min(Rt), Algorithm 3's choice of mu: the Rayleigh quotient less its
@@ -158,3 +161,5 @@ inline ComponentBound bound_by_eigenvalue(const CertificateMatrix& S,
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -5,6 +5,9 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// A breadth-first forest: every node's parent on a shortest path to the first node of its
@@ -61,3 +64,5 @@ inline Index fundamental_cycle_length(const MeasurementGraph& graph,
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

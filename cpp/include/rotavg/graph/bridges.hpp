@@ -6,6 +6,9 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Which edges (m,) are bridges: without them a component falls apart, and no cycle checks them,
@@ -52,3 +55,5 @@ inline std::vector<bool> bridges(const MeasurementGraph& graph) {
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -5,6 +5,9 @@
 
 #include <rotavg/graph/measurement_graph.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The connected components of a graph, numbered in the order of their first nodes.
@@ -70,3 +73,5 @@ inline MeasurementGraph component_graph(const MeasurementGraph& graph, const Com
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -11,6 +11,9 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// What all matrices of one component share, its scalar Laplacian and those of 3 x 3 blocks alike:
@@ -161,3 +164,5 @@ inline std::vector<Elimination> grounded_eliminations(const MeasurementGraph& gr
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

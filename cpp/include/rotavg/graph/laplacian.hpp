@@ -14,6 +14,9 @@
 #include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/linalg/lobpcg.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// L X with L = D - W the scalar weighted graph Laplacian of one component.
@@ -85,3 +88,5 @@ inline double algebraic_connectivity(const MeasurementGraph& graph, const Compon
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -14,6 +14,9 @@
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// A measurement with its ends as rows of the graph: R_i R_ij ~ R_j.
@@ -209,3 +212,5 @@ inline std::vector<double> weights_of(const MeasurementGraph& graph) {
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -13,6 +13,9 @@
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The chordal initial value (Martinec and Pajdla 2007): the minimiser of (3) over free 3 x 3
@@ -51,3 +54,5 @@ inline std::optional<Rotations> chordal_init(const MeasurementGraph& graph,
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

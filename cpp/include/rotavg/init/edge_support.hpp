@@ -11,6 +11,9 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The other ways to get from one end of an edge to the other: by two more edges, which make a
@@ -128,3 +131,5 @@ inline std::vector<double> edge_support(const MeasurementGraph& graph,
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -13,6 +13,9 @@
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The quaternion start (Govindu 2001): each measurement is a linear equation x_i q_ij = x_j in
@@ -74,3 +77,5 @@ inline std::optional<Rotations> quaternion_init(const MeasurementGraph& graph,
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -7,6 +7,9 @@
 #include <rotavg/so3/random.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// A uniformly random rotation for every node: the same ones for the same seed.
@@ -18,3 +21,5 @@ inline Rotations random_init(const MeasurementGraph& graph, std::uint64_t seed) 
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

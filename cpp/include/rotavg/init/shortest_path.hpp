@@ -6,13 +6,17 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// R_j at one end of an edge from R_i at the other: R_i R_ij, or R_i R_ji^T.
 inline Matrix3 along_edge(const Edge& e, const Matrix3& R_i, Index j) {
-  const Matrix3 i_from_j = e.j == j ? e.i_from_j : Matrix3(e.i_from_j.transpose());
+  Matrix3 from_j = e.i_from_j;
+  if (e.j != j) from_j.transposeInPlace();
   // Through a quaternion of length one, so that rounding does not pile up along long paths.
-  return Eigen::Quaterniond(R_i * i_from_j).normalized().matrix();
+  return Eigen::Quaterniond(R_i * from_j).normalized().matrix();
 }
 
 /// The shortest-path initial value (Lemma 3): R = I at the first node of every component, and
@@ -28,3 +32,5 @@ inline Rotations shortest_path_init(const MeasurementGraph& graph) {
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -10,6 +10,9 @@
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The spanning-tree start (Enqvist, Kahl and Olsson 2011): products of the measurements along the
@@ -51,3 +54,5 @@ inline Rotations spanning_tree_init(const MeasurementGraph& graph,
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

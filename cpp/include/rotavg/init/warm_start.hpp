@@ -14,6 +14,9 @@
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// A start from pieces, each of which is known up to a rotation of its own: nodes of a piece keep
@@ -105,3 +108,5 @@ inline Rotations warm_start(const MeasurementGraph& graph, const MeasurementGrap
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -16,6 +16,9 @@
 #include <rotavg/linalg/symbolic_cholesky.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Sparse Cholesky factorisation, P (A + shift I) P^T = L L^T, of a matrix of B x B blocks by the
@@ -155,11 +158,10 @@ class BlockCholesky {
       for (const Index row : node.below) row_size[row] += B * node.columns();
     }
     double trace = 0.0, largest = 0.0;
-    Eigen::VectorXd root;
+    Eigen::VectorXd root(front_.cols());  // as long as the longest column
     for (std::size_t s = 0; s < supernodes.size(); ++s) {
       const Supernode& node = supernodes[s];
       const auto rows = static_cast<Index>(node.rows());
-      root.resize(B * rows);
       for (Index r = 0; r < rows; ++r) {
         const Index row = r < node.columns() ? node.begin + r : node.below[r - node.columns()];
         root.segment<B>(B * r).setConstant(std::sqrt(row_size[row]));
@@ -167,7 +169,8 @@ class BlockCholesky {
       }
       const MatrixView L = factor(s);
       for (Eigen::Index c = 0; c < L.cols(); ++c) {
-        const double sum = root.tail(B * rows - c).dot(L.col(c).tail(B * rows - c).cwiseAbs());
+        const Eigen::Index size = B * rows - c;
+        const double sum = root.segment(c, size).dot(L.col(c).tail(size).cwiseAbs());
         trace += sum * sum;
       }
     }
@@ -291,3 +294,5 @@ class BlockCholesky {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

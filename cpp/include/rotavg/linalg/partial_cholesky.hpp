@@ -10,6 +10,9 @@
 
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 enum class CholeskyOutcome { positive_definite, not_positive_definite, stopped };
@@ -280,3 +283,5 @@ class PartialCholesky {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -15,6 +15,9 @@
 #include <rotavg/linalg/tall.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The blocks of A^-1 where the factor L of A = L L^T has entries, without the rest of the inverse
@@ -147,3 +150,5 @@ class SelectedInverse {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

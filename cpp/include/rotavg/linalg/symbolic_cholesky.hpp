@@ -11,6 +11,9 @@
 
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Where a symmetric matrix of blocks has entries: its lower triangle by columns, in compressed
@@ -256,3 +259,5 @@ class SymbolicCholesky {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -5,6 +5,9 @@
 
 #include <rotavg/parallel/threads.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Sum of term(k) for k = 0 … count-1. Each block of 64 terms is summed in order by one thread and
@@ -29,3 +32,5 @@ Value block_sum(Index count, int num_threads, Term&& term) {
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -11,6 +11,9 @@
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// A matrix given for a node that is not a rotation: which node (its row) and why.
@@ -54,3 +57,5 @@ inline Rotations checked_rotations(const MeasurementGraph& graph, Rotations R) {
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

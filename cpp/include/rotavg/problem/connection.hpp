@@ -13,6 +13,9 @@
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The connection Laplacian, blockdiag(deg_i I) - Rt, of one component without the nodes that the
@@ -53,3 +56,5 @@ inline Eigen::MatrixXd apply_connection(const ResidualQuaternions& residuals,
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

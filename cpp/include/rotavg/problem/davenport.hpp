@@ -12,6 +12,9 @@
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// A sum of p p^T over products p = q b of quaternions, four numbers in a register: the inner loop
@@ -110,3 +113,5 @@ class DavenportMatrices {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

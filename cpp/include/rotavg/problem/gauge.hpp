@@ -3,6 +3,9 @@
 #include <rotavg/graph/components.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Turns every component as a whole so that its first node has R = I. The objective does not
@@ -18,3 +21,5 @@ inline void fix_gauge(const Components& components, Rotations& R) {
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -9,6 +9,9 @@
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The paper's A_l (10), so that tr(A_l R_l) is the part of -tr(R Rt R^T) / 2 that depends on R_l:
@@ -70,3 +73,5 @@ inline GradientNorm gradient_norm(const MeasurementGraph& graph, const Rotations
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

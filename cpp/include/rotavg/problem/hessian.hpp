@@ -11,6 +11,9 @@
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// One vector per node, n x 3, row by row: gradients, and steps R_i <- exp(w_i) R_i.
@@ -70,3 +73,5 @@ inline BlockCholesky<3>::Blocks hessian_blocks(const ResidualQuaternions& residu
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -17,6 +17,9 @@
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// 3n x p: one 3 x p block Z_i with orthonormal rows, Z_i Z_i^T = I, for every node.
@@ -132,3 +135,5 @@ class LiftedProblem {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -7,6 +7,9 @@
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// What an edge leaves over: R_i R_ij - R_j.
@@ -34,3 +37,5 @@ inline double objective_rounding(const MeasurementGraph& graph, double objective
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

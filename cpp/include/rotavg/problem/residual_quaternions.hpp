@@ -13,6 +13,9 @@
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// sqrt(w) times the unit quaternion of R_i R_ij R_j^T.
@@ -91,3 +94,5 @@ class ResidualQuaternions {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -9,6 +9,9 @@
 #include <rotavg/init/edge_support.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// What the short cycles through an edge say of it: those of three edges, and of two that are
@@ -48,3 +51,5 @@ inline std::vector<CycleEvidence> cycle_evidence(const MeasurementGraph& graph, 
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -12,6 +12,9 @@
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/so3/quaternion.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The share of every weight that no robust loss takes away: an edge that it distrusts altogether
@@ -107,3 +110,5 @@ class RobustResiduals {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

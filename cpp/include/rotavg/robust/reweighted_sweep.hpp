@@ -7,6 +7,9 @@
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/solve/monitor.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// DavenportSum over estimates p = q b of a rotation r, each of which counts as much as a loss
@@ -81,3 +84,5 @@ inline void reweighted_sweep(const MeasurementGraph& graph, const RobustLoss& lo
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

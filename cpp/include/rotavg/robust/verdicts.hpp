@@ -8,6 +8,9 @@
 #include <rotavg/graph/parts.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// What a robust solution says of an edge. All from robust_weight on are outliers.
@@ -56,3 +59,5 @@ inline EdgeVerdicts edge_verdicts(const MeasurementGraph& graph, const std::vect
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

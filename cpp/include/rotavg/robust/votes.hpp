@@ -11,6 +11,9 @@
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Lets the neighbours of every node vote on its rotation: it takes that of its neighbours'
@@ -95,3 +98,5 @@ inline Index take_votes(const MeasurementGraph& graph, const std::vector<double>
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

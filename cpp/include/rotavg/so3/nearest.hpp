@@ -67,7 +67,9 @@ inline Matrix3 nearest_rotation(const Matrix3& M) {
       return Eigen::Quaterniond(X).normalized().matrix();
     }
   }
-  return loso(-M.transpose());
+  Matrix3 A = -M;
+  A.transposeInPlace();
+  return loso(A);
 }
 
 /// LOSO by the fast kernel: the minimiser of tr(A X) is the rotation nearest to -A^T.

@@ -17,6 +17,9 @@
 #include <rotavg/solve/result.hpp>
 #include <rotavg/solve/sum.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// A descent method made faster by Anderson's mixing. Each iteration takes one plain step, and goes
@@ -98,3 +101,5 @@ inline IterationResult accelerated_sum(const MeasurementGraph& graph, const Rota
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -13,6 +13,9 @@
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Anderson's mixing (Anderson 1965) of a fixed-point iteration q <- step(q), in the space of free
@@ -80,7 +83,7 @@ class AndersonMixing {
 
   void add_pair(const Columns& x, const Columns& residual) {
     Pair pair{Columns(4, x.cols()), Columns(4, x.cols())};
-    auto& [u, r] = pair;
+    Columns &u = pair.u, &r = pair.r;  // lambdas of C++17 capture no structured binding
     for_nodes([&](Index l) {
       u.col(l) = x.col(l) - last_x_.col(l);
       r.col(l) = residual.col(l) - last_residual_.col(l);
@@ -126,3 +129,5 @@ class AndersonMixing {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -24,6 +24,9 @@
 #include <rotavg/solve/result.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 namespace detail {
@@ -165,3 +168,5 @@ inline IterationResult refine_anisotropic(const MeasurementGraph& graph,
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

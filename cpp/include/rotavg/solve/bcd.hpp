@@ -11,6 +11,9 @@
 #include <rotavg/solve/options.hpp>
 #include <rotavg/solve/result.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 enum class SweepOrder { rising, falling };
@@ -60,3 +63,5 @@ inline IterationResult bcd(const MeasurementGraph& graph, const Rotations& R,
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

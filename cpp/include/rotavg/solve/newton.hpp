@@ -19,6 +19,9 @@
 #include <rotavg/solve/result.hpp>
 #include <rotavg/solve/truncated_cg.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Newton's method on the product of rotations, R_i <- exp(w_i) R_i, with conjugate gradients
@@ -93,3 +96,5 @@ inline IterationResult newton(const MeasurementGraph& graph, const Rotations& R,
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -18,6 +18,9 @@
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The variable of the semidefinite relaxation (6),
@@ -151,3 +154,5 @@ class SemidefiniteRelaxation {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -26,6 +26,9 @@
 #include <rotavg/solve/stopwatch.hpp>
 #include <rotavg/solve/sum.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// What the runs of one call of solve() share: the limits, the watch, the analysis of the graph.
@@ -176,3 +179,5 @@ class SolveRun {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -15,6 +15,9 @@
 #include <rotavg/solve/solution.hpp>
 #include <rotavg/solve/staircase.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 namespace detail {
@@ -183,3 +186,5 @@ inline Solution solve(const MeasurementGraph& graph, const SolveOptions& options
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -28,6 +28,9 @@
 #include <rotavg/solve/lifted_newton.hpp>
 #include <rotavg/solve/options.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The Riemannian staircase (Boumal 2015; Rosen, Carlone, Bandeira and Leonard 2019) on one
@@ -195,3 +198,5 @@ class Staircase {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

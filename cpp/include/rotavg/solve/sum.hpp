@@ -14,6 +14,9 @@
 #include <rotavg/solve/options.hpp>
 #include <rotavg/solve/result.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 namespace detail {
@@ -112,3 +115,5 @@ inline IterationResult sum(const MeasurementGraph& graph, const Rotations& R,
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -26,6 +26,9 @@
 #include <rotavg/solve/anisotropic.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 enum class CovarianceStatus {
@@ -248,3 +251,5 @@ inline Covariances covariances(const MeasurementGraph& graph, const Rotations& R
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop
