@@ -49,7 +49,7 @@ def test_read_by_hand(tmp_path: Path) -> None:
         b"\xef\xbb\xbfi j QX qy qz qw weight\r\n"
         b"# half a turn about z\r\n\r\n"
         b"5, 3, 0, 0, 1, 0, 2.5\r\n"
-        b"  3\t9 , 0 0 0 -2 1e-2 # identity\n"
+        b"  3\t9 , 0 0 0 -1.05 1e-2 # identity\n"
     )
     graph = read(path)
     assert graph.edges.tolist() == [[5, 3], [3, 9]]
@@ -105,6 +105,7 @@ def test_other_header_is_refused(tmp_path: Path) -> None:
 
 def test_many_edges_are_read_quickly(tmp_path: Path) -> None:
     q = np.random.default_rng(0).standard_normal((100_000, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
     lines = [f"{k} {k + 1} {a!r} {b!r} {c!r} {d!r}" for k, (a, b, c, d) in enumerate(q.tolist())]
     path = tmp_path / "many.txt"
     path.write_text("\n".join(lines))

@@ -44,6 +44,19 @@ convention = click.option(
     "R_j, the default) or vision (R_ij = R_j R_i^T).",
 )
 
+skip_self_edges = click.option(
+    "--skip-self-edges",
+    is_flag=True,
+    help="Leave out edges from a node to itself, instead of refusing them.",
+)
+
+
+def reading(command: Any) -> Any:
+    """The options of `rotavg.read`, for a command that takes them as **reading."""
+    for option in (skip_self_edges, unit_weights, convention, input_format):
+        command = option(command)
+    return command
+
 
 def choice(name: str, values: list[str], default: str, text: str) -> Callable[[Any], Any]:
     """An option that takes one of a few words."""

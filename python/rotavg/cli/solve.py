@@ -36,7 +36,7 @@ from rotavg.report import Run, check_report, write_report
     groups={
         "Input and output": (
             *("output", "report", "edges_path", "format", "output_format", "convention"),
-            *("unit_weights", "as_json"),
+            *("unit_weights", "skip_self_edges", "as_json"),
         ),
         "Method": ("method", "init", "seed", "mu", "accelerate", "max_rank"),
         "Prior knowledge": ("fixed_path", "gravity_path", "gravity_weight"),
@@ -133,10 +133,8 @@ from rotavg.report import Run, check_report, write_report
     "Largest relative gap that is called optimal.",
 )
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
-@options.input_format
+@options.reading
 @options.output_solution
-@options.convention
-@options.unit_weights
 @options.as_json
 def solve(
     input_path: Path,
@@ -148,6 +146,7 @@ def solve(
     output_format: str | None,
     convention: Literal["pose", "vision"] | None,
     unit_weights: bool,
+    skip_self_edges: bool,
     as_json: bool,
     loss_scale: str,
     cycle_threshold: float | None,
@@ -192,7 +191,11 @@ def solve(
     start = time.perf_counter()
     with working(f"reading {input_path}"):
         graph = rotavg.read(
-            input_path, format=format, convention=convention, unit_weights=unit_weights
+            input_path,
+            format=format,
+            convention=convention,
+            unit_weights=unit_weights,
+            skip_self_edges=skip_self_edges,
         )
     read_seconds = time.perf_counter() - start
     if not as_json:

@@ -94,6 +94,7 @@ CSV = Format(
     recognises=_looks_like_csv,
     read=read_csv,
     write=write_csv,
+    has_isolated=False,
     any_convention=True,
     rotations=RotationReader((), read_csv_rotations, _looks_like_rotations, (".csv",)),
 )

@@ -50,6 +50,7 @@ def read(
     format: str | None = None,
     convention: Convention | None = None,
     unit_weights: bool = False,
+    skip_self_edges: bool = False,
 ) -> MeasurementGraph:
     """Read a measurement graph.
 
@@ -60,6 +61,7 @@ def read(
         convention: the family that the rotations are in, "pose" or "vision", where the format
             leaves that open: text, csv and npz, "pose" by default.
         unit_weights: weigh every edge 1 and ignore what the file says about weights.
+        skip_self_edges: leave out edges from a node to itself, instead of refusing them.
 
     Returns:
         The graph (pose family). Its `notes` tell what was skipped or mended on the way, its
@@ -81,7 +83,8 @@ def read(
         data = registry.read_bytes(FORMATS, path)
     if chosen.read is None:
         raise FormatError(f"{chosen.name} is a format for output only", path=path)
-    return chosen.read(path, data, ReadOptions(unit_weights, chosen.family(path, convention)))
+    family = chosen.family(path, convention)
+    return chosen.read(path, data, ReadOptions(unit_weights, family, skip_self_edges))
 
 
 def write(
@@ -100,7 +103,8 @@ def write(
 
     Warns:
         IncompleteWarning: SciPy is missing, so that the translations in a pose graph's file stay
-            as they were; or the format has no place for weights that are not all equal.
+            as they were; or the format has no place for weights that are not all equal, or for
+            nodes without an edge.
 
     Raises:
         FileAccessError: the file cannot be written; what was there before is untouched.
@@ -117,8 +121,9 @@ def write(
     assert chosen.write is not None
     content = chosen.write(path, graph_or_solution)
     atomic.write_files({path: content} if isinstance(content, bytes) else content)
-    if not chosen.has_weights and isinstance(graph_or_solution, MeasurementGraph):
-        _tell_lost_weights(path, chosen, graph_or_solution)
+    if isinstance(graph_or_solution, MeasurementGraph):
+        for loss in _lost(chosen, graph_or_solution):
+            warnings.warn(f"{path}: {loss}", IncompleteWarning, stacklevel=2)
 
 
 def check_writable(
@@ -144,7 +149,10 @@ def check_writable(
 def losses(
     path: str | os.PathLike[str], graph: MeasurementGraph, format: str | None = None
 ) -> tuple[str, ...]:
-    """What of a graph is not in the file that `write` makes of it, or is made up; weights apart."""
+    """What of a graph is not in the file that `write` makes of it, or is made up.
+
+    But for what `write` warns of.
+    """
     _, chosen = _output(path, format)
     told = []
     if graph.translations is not None and not chosen.has_translations:
@@ -173,7 +181,37 @@ def _output(path: str | os.PathLike[str], format: str | None) -> tuple[Path, For
     return chosen.file_of(path), chosen
 
 
-def _tell_lost_weights(path: Path, form: Format, graph: MeasurementGraph) -> None:
-    if np.ptp(graph.weights) > 0:
-        message = f"{path}: the weights are not in it, {form.name} has no place for them"
-        warnings.warn(message, IncompleteWarning, stacklevel=3)
+def num_nodes_written(
+    path: str | os.PathLike[str], graph: MeasurementGraph, format: str | None = None
+) -> int:
+    """How many nodes of a graph a reader finds in the file that `write` makes of it."""
+    _, chosen = _output(path, format)
+    return graph.num_nodes - (0 if chosen.has_isolated else len(_isolated(graph)))
+
+
+def warned_losses(
+    path: str | os.PathLike[str], graph: MeasurementGraph, format: str | None = None
+) -> tuple[str, ...]:
+    """What `write` warns of where it writes this graph."""
+    return _lost(_output(path, format)[1], graph)
+
+
+def _lost(form: Format, graph: MeasurementGraph) -> tuple[str, ...]:
+    told = []
+    if not form.has_weights and np.ptp(graph.weights) > 0:
+        told.append(f"the weights are not in it, {form.name} has no place for them")
+    alone = () if form.has_isolated else _isolated(graph)
+    if len(alone):
+        named = ", ".join(map(repr, alone[:5])) + (", ..." if len(alone) > 5 else "")
+        what = "1 node without an edge is" if len(alone) == 1 else (
+            f"{len(alone)} nodes without an edge are"
+        )  # fmt: skip
+        told.append(f"{what} not in it ({named}), {form.name} has no place for such")
+    return tuple(told)
+
+
+def _isolated(graph: MeasurementGraph) -> list[int | str]:
+    """The ids of the nodes without an edge."""
+    alone = np.ones(graph.num_nodes, dtype=np.bool_)
+    alone[graph.indices] = False
+    return graph.nodes[alone].tolist()  # type: ignore[no-any-return]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import warnings
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.base.errors import FormatError
+from rotavg.base.errors import FormatError, IncompleteWarning
 from rotavg.graph.conventions import Convention, convert_family
 from rotavg.graph.ids import IdArray
 from rotavg.io import registry
@@ -41,12 +42,17 @@ def read_rotations(
     Returns:
         The ids (n,) and the rotations (n, 3, 3) world_from_node.
 
+    Warns:
+        IncompleteWarning: quaternions were not of length 1, or matrices a little off.
+
     Raises:
         FileAccessError: the file cannot be read.
         FormatError: it holds no rotations, or may be in several formats; the message names the
             line and the reason.
     """
     found = read_absolute(path, format=format, convention=convention, image_ids=image_ids)
+    for note in found.notes:
+        warnings.warn(f"{path}: {note}", IncompleteWarning, stacklevel=2)
     return found.nodes, found.rotations
 
 

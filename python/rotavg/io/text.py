@@ -39,6 +39,7 @@ from rotavg.io.lines import (
     shown,
 )
 from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
+from rotavg.io.rounding import quaternion_notes
 
 HEADER = ("i", "j", *QUATERNION, "weight")
 SOLUTION_HEADER = ("id", *QUATERNION)
@@ -82,7 +83,8 @@ def read_rows(
             ids_of(path, ids).reshape(-1, 2),
             table[:, :4],
             weights,
-            convention=options.convention,
+            **options.of_graph,
+            notes=quaternion_notes(path, table[:, :4], lines),
         )
 
 
@@ -166,6 +168,7 @@ TEXT = Format(
     recognises=_looks_like_edges,
     read=read_text,
     write=write_text,
+    has_isolated=False,
     any_convention=True,
     rotations=RotationReader(SOLUTION_HEADER, read_text_rotations, recognises=_has_solution_header),
 )
