@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import os
 import warnings
 from pathlib import Path
@@ -17,6 +18,7 @@ from rotavg.base.errors import FormatError, GraphError, IncompleteWarning
 from rotavg.cli.main import commands
 from rotavg.graph.conventions import matrices_from_rotvecs, quaternions_from_matrices
 from rotavg.io import FORMATS, read, read_rotations, write
+from rotavg.io.rotations import read_absolute
 
 I3 = np.eye(3)
 SOME = matrices_from_rotvecs(np.random.default_rng(5).standard_normal((6, 3)))
@@ -385,3 +387,34 @@ def test_self_edges_are_skipped_on_request(tmp_path: Path) -> None:
         assert "from a node to itself is not used" in run(command, path, "--skip-self-edges")
     run("convert", path, tmp_path / "t.txt", "--skip-self-edges")
     assert read(tmp_path / "t.txt").num_edges == 1
+
+
+def test_csv_is_a_table_from_its_first_line_on(tmp_path: Path) -> None:
+    graph = rotavg.MeasurementGraph([["a b", "c"], ["c", "d"]], rotations_of(2), [1, 2])
+    solution = rotavg.solve(graph)
+    for item, header in ((graph, "i,j,qx,qy,qz,qw,weight"), (solution, "id,qx,qy,qz,qw")):
+        write(tmp_path / "t.csv", item)
+        with (tmp_path / "t.csv").open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        assert list(rows[0]) == header.split(",")
+        assert {len(row) for row in rows} == {header.count(",") + 1}
+        assert all(np.isfinite(float(row["qw"])) for row in rows)
+    rotavg.write_edges(tmp_path / "t.csv", solution)
+    assert (tmp_path / "t.csv").read_text().startswith("i,j,residual_deg")
+
+
+def test_outputs_tell_components_apart(tmp_path: Path) -> None:
+    edges = [["a", "b"], ["b", "c"], ["x", "y"]]
+    solution = rotavg.solve(rotavg.MeasurementGraph(edges, rotations_of(3), nodes=[*"abcxyz"]))
+    for name in ("s.txt", "s.csv", "s.npz"):
+        write(tmp_path / name, solution)
+        found = read_absolute(tmp_path / name)
+        assert found.nodes.tolist() == [*"abcxyz"]
+        assert found.component is not None
+        assert found.component.tolist() == [0, 0, 0, 1, 1, 2]
+        np.testing.assert_allclose(found.rotations, solution.rotations, atol=1e-15)
+    assert (tmp_path / "s.csv").read_text().startswith("id,qx,qy,qz,qw,component\n")
+    write(tmp_path / "g.txt", solution.graph.subgraph([*"abcxy"]))
+    told = run("solve", tmp_path / "g.txt", "-o", tmp_path / "s_glomap_rotations.txt")
+    assert "2 components, each with a gauge of its own, and glomap does not tell them apart" in told
+    assert "apart" not in run("solve", tmp_path / "g.txt", "-o", tmp_path / "s.csv")

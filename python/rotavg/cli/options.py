@@ -50,10 +50,17 @@ skip_self_edges = click.option(
     help="Leave out edges from a node to itself, instead of refusing them.",
 )
 
+columns = click.option(
+    "--columns",
+    metavar="WORDS",
+    help="What the columns of a text or CSV file without a header are, such as "
+    "i,j,qw,qx,qy,qz,weight; rx,ry,rz for rotation vectors, r11,...,r33 for matrices, _ for none.",
+)
+
 
 def reading(command: Any) -> Any:
     """The options of `rotavg.read`, for a command that takes them as **reading."""
-    for option in (skip_self_edges, unit_weights, convention, input_format):
+    for option in (skip_self_edges, unit_weights, convention, columns, input_format):
         command = option(command)
     return command
 

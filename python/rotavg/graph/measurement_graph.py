@@ -102,15 +102,15 @@ class MeasurementGraph:
             raise edge_error(ids, *bad)
         if weights is None:
             weights = np.ones(m) if spread is None else isotropic_weights(spread)
-        weights = as_floats(weights, (m,), "weights")
+        given_weights = as_floats(weights, (m,), "weights")
         if translations is not None and len(translations) != m:
             raise GraphError(f"there are {len(translations)} translations, expected {m}")
-        used = weights != 0
+        used = given_weights != 0
         if skip_self_edges:
             used &= rows[:, 0] != rows[:, 1]
         if not used.all():
-            notes += not_used(ids, weights, used)
-            rows, given, weights = rows[used], given[used], weights[used]
+            notes += not_used(ids, given_weights, used)
+            rows, given, given_weights = rows[used], given[used], given_weights[used]
             spread = None if spread is None else spread[used]
             translations = None if translations is None else translations.select(used)
             source = None if source is None else source.select(used)
@@ -119,7 +119,7 @@ class MeasurementGraph:
             given = projected(ids, given, number, tolerance)
         try:
             self._core = _core.MeasurementGraph(
-                len(self.nodes), rows, np.ascontiguousarray(given), weights
+                len(self.nodes), rows, np.ascontiguousarray(given), given_weights
             )
         except _core.InvalidEdge as error:
             edge, reason = error.args
@@ -129,7 +129,7 @@ class MeasurementGraph:
         self.edges = read_only(ids if used.all() else ids[used])
         self.indices = read_only(rows)
         self.rotations = read_only(self._core.rotations)
-        self.weights = read_only(weights)
+        self.weights = read_only(given_weights)
         if spread is not None and convention == "vision":
             spread = pose_family(spread, self.rotations)
         self.covariances = None if spread is None else read_only(spread)

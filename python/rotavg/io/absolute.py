@@ -105,6 +105,11 @@ def check_quaternions(
     return quaternion_notes(path, table, lines)
 
 
+def labels_of(components: Sequence[bytes]) -> NDArray[np.int64]:
+    """Numbers (n,) from 0 for the labels of components, whatever they are."""
+    return np.asarray(np.unique(np.array(components), return_inverse=True)[1], dtype=np.int64)
+
+
 def distinct(path: Path, ids: IdArray | Sequence[int], lines: Sequence[int] = ()) -> IdArray:
     """The ids (n,) of nodes; FormatError if they are none, or one comes twice."""
     seen: dict[object, int] = {}

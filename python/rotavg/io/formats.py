@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from rotavg.io import (
     tum,
 )
 from rotavg.io.g2o_write import PoseFile
-from rotavg.io.registry import Format, ReadOptions, SolutionLike, Writable
+from rotavg.io.registry import Format, ReadOptions, SolutionLike, Writable, components_to_tell
 
 # In the order in which they are asked whether they recognise a content: the vaguest come last.
 FORMATS: tuple[Format, ...] = (
@@ -44,6 +45,9 @@ FORMATS: tuple[Format, ...] = (
 )
 
 
+TABLES = (text.TEXT, csv_text.CSV)
+
+
 def read(
     path: str | os.PathLike[str],
     *,
@@ -51,6 +55,7 @@ def read(
     convention: Convention | None = None,
     unit_weights: bool = False,
     skip_self_edges: bool = False,
+    columns: str | Sequence[str] | None = None,
 ) -> MeasurementGraph:
     """Read a measurement graph.
 
@@ -62,6 +67,10 @@ def read(
             leaves that open: text, csv and npz, "pose" by default.
         unit_weights: weigh every edge 1 and ignore what the file says about weights.
         skip_self_edges: leave out edges from a node to itself, instead of refusing them.
+        columns: what the columns of a text or CSV file are that has no header to say so, such as
+            "i,j,qw,qx,qy,qz,weight" or a list of these words: rotations as quaternions,
+            rotation vectors "rx,ry,rz" in radians, or matrices "r11,r12,...,r33"; "_" for a
+            column that is not to be read.
 
     Returns:
         The graph (pose family). Its `notes` tell what was skipped or mended on the way, its
@@ -73,7 +82,11 @@ def read(
             the format has a convention of its own, which is another.
     """
     path = Path(path)
-    if format is None:
+    words = None if columns is None else words_of(columns)
+    if words is not None and format is None:
+        data = registry.read_bytes(FORMATS, path)
+        chosen = table_format(path, data)
+    elif format is None:
         path = registry.in_folder(FORMATS, path)
         data = registry.read_bytes(FORMATS, path)
         chosen = registry.of_content(FORMATS, path, data)
@@ -83,8 +96,11 @@ def read(
         data = registry.read_bytes(FORMATS, path)
     if chosen.read is None:
         raise FormatError(f"{chosen.name} is a format for output only", path=path)
+    if words is not None and chosen not in TABLES:
+        found = f"columns are given, and {chosen.name} has its own"
+        raise FormatError(f"{found}: expected them for text or csv", path=path)
     family = chosen.family(path, convention)
-    return chosen.read(path, data, ReadOptions(unit_weights, family, skip_self_edges))
+    return chosen.read(path, data, ReadOptions(unit_weights, family, skip_self_edges, words))
 
 
 def write(
@@ -170,6 +186,17 @@ def losses(
     return tuple(told)
 
 
+def words_of(columns: str | Sequence[str]) -> tuple[str, ...]:
+    """The words in what says the columns."""
+    words = columns.replace(",", " ").split() if isinstance(columns, str) else columns
+    return tuple(str(word).strip() for word in words)
+
+
+def table_format(path: Path, data: bytes) -> Format:
+    """Which of the two formats a table is in whose columns the user knows."""
+    return csv_text.CSV if csv_text.CSV.is_name(path) or b'"' in data else text.TEXT
+
+
 def _output(path: str | os.PathLike[str], format: str | None) -> tuple[Path, Format]:
     """The file to write and its format."""
     path = Path(path)
@@ -179,6 +206,20 @@ def _output(path: str | os.PathLike[str], format: str | None) -> tuple[Path, For
         path = registry.in_folder(FORMATS, path)
         chosen = registry.by_suffix(FORMATS, path)
     return chosen.file_of(path), chosen
+
+
+def losses_of_solution(
+    path: str | os.PathLike[str], solution: SolutionLike, format: str | None = None
+) -> tuple[str, ...]:
+    """What of a solution is not in the file that `write` makes of it, but for its graph."""
+    _, chosen = _output(path, format)
+    label = components_to_tell(solution)
+    if not label or chosen.has_components or chosen.puts_back:
+        return ()
+    return (
+        f"{max(label) + 1} components, each with a gauge of its own, and {chosen.name} does not "
+        "tell them apart (csv, text and npz do)",
+    )
 
 
 def num_nodes_written(

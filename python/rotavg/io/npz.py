@@ -59,7 +59,9 @@ def read_npz(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     vectors = arrays.pop("translations", None)
     information = arrays.pop("translation_information", None)
     covariances = arrays.pop("covariances", None)
-    notes = (f"arrays not read: {', '.join(arrays)}",) if arrays else ()
+    notes: tuple[str, ...] = ()
+    if arrays:
+        notes += (f"arrays not read: {', '.join(arrays)}",)
     with blame_line(path):
         translations = None if vectors is None else RelativeTranslations(vectors, information)
         ids = as_edges(edges)
@@ -207,6 +209,7 @@ NPZ = Format(
     read=read_npz,
     write=write_npz,
     any_convention=True,
+    has_components=True,
     has_translations=True,
     rotations=RotationReader((), read_npz_rotations, _is_archive, (".npz",)),
 )

@@ -37,6 +37,12 @@ class SolutionLike(Protocol):
         ...
 
 
+def components_to_tell(solution: SolutionLike) -> list[int]:
+    """The label of each node's component; none where there is one alone, or no label is known."""
+    label: NDArray[Any] | None = getattr(solution, "component", None)
+    return [] if label is None or label.max() == 0 else label.tolist()
+
+
 Writable = Union[MeasurementGraph, SolutionLike]
 Content = Union[bytes, Mapping[Path, bytes]]  # of the file itself, or of several files
 
@@ -80,6 +86,7 @@ class Format:
         has_graphs, has_solutions: what can be written.
         has_weights: whether a graph's weights can be written.
         has_isolated: whether a graph's nodes without an edge can be written.
+        has_components: whether a solution's file tells which node is in which component.
         has_translations: whether a graph's translations can be written.
         puts_back: whether a solution goes back into the file that its graph came from.
         magic: a beginning that tells that the reader opens the file itself.
@@ -99,6 +106,7 @@ class Format:
     has_solutions: bool = True
     has_weights: bool = True
     has_isolated: bool = True
+    has_components: bool = False
     has_translations: bool = False
     puts_back: bool = False
     magic: bytes = b""
