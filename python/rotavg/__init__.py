@@ -25,6 +25,7 @@ from rotavg.evaluation.compare import Comparison, compare
 from rotavg.evaluation.hardness import Hardness, hardness
 from rotavg.graph.known_rotations import KnownRotations
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.nearest import nearest_rotation
 from rotavg.graph.translations import RelativeTranslations
 from rotavg.io import read, read_rotations, write, write_covariances, write_edges
 from rotavg.priors.priors import Priors
@@ -68,6 +69,7 @@ __all__ = [
     "cycle_evidence",
     "gradient",
     "hardness",
+    "nearest_rotation",
     "objective",
     "positions",
     "read",

@@ -60,7 +60,7 @@ def test_edge_from_a_node_to_itself() -> None:
     assert caught.value.edge == 1
 
 
-@pytest.mark.parametrize("weight", [-1.0, 0.0, np.nan, np.inf, 1e-150, 1e150])
+@pytest.mark.parametrize("weight", [-1.0, np.nan, np.inf, 1e-150, 1e150])
 def test_weight(weight: float) -> None:
     with pytest.raises(GraphError, match=r"edge 1 \(1 -> 2\): .*weight") as caught:
         MeasurementGraph([[0, 1], [1, 2]], [I3, I3], [1.0, weight])

@@ -86,10 +86,10 @@ QUARTER = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
 THIRD = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
 H = repr(float(HALF))
 BY_HAND: dict[str, tuple[str, str, list[Any]]] = {
-    "text": ("s.txt", f"# id qx qy qz qw\n7 0 0 {H} {H}\n9 1 1 1 1 # of any length\n", [7, 9]),
-    "text with commas": ("s.txt", f"id, qx, qy, qz, qw\n7, 0, 0, {H}, {H}\n9,1,1,1,1\n", [7, 9]),
+    "text": ("s.txt", f"# id qx qy qz qw\n7 0 0 {H} {H}\n9 .5 .5 .5 .5 # said\n", [7, 9]),
+    "text with commas": ("s.txt", f"id, qx, qy, qz, qw\n7, 0,0, {H}, {H}\n9,.5,.5,.5,.5\n", [7, 9]),
     "csv": ("x", f'"a b",0,0,{H},{H}\r\n\r\n# no\r\nc,.5,.5,.5,.5\r\n', ["a b", "c"]),
-    "csv with a header": ("x", f'ID,QX,QY,QZ,QW\n"7",0,0,{H},{H}\n9,1,1,1,1\n', [7, 9]),
+    "csv with a header": ("x", f'ID,QX,QY,QZ,QW\n"7",0,0,{H},{H}\n9,.5,.5,.5,.5\n', [7, 9]),
     "glomap": ("b_glomap_rotations.txt", f"a {H} 0 0 -{H}\nb .5 -.5 -.5 -.5\n", ["a", "b"]),
     "irotavg": ("s.rcd", f"{H} 0 0 -{H}\n.5 -.5 -.5 -.5\n", [0, 1]),
     "colmap_images": (
@@ -101,12 +101,12 @@ BY_HAND: dict[str, tuple[str, str, list[Any]]] = {
     "tum": ("trajectory.txt", f"1.5 1 2 3 0 0 {H} {H}\n2.50 4 5 6 .5 .5 .5 .5\n", ["1.5", "2.50"]),
     "tum with a title": (
         "x",
-        f"# file: 'x'\n# timestamp tx ty tz qx qy qz qw\n1 0 0 0 0 0 {H} {H}\n2 0 0 0 1 1 1 1\n",
+        f"# 'x'\n# timestamp tx ty tz qx qy qz qw\n1 0 0 0 0 0 {H} {H}\n2 0 0 0 .5 .5 .5 .5\n",
         [1, 2],
     ),
     "g2o": (
         "x",
-        f"FIX 7\nVERTEX_SE3:QUAT 7 1 2 3 0 0 {H} {H}\nVERTEX_SE3:QUAT 9 0 0 0 1 1 1 1 # .\n",
+        f"FIX 7\nVERTEX_SE3:QUAT 7 1 2 3 0 0 {H} {H}\nVERTEX_SE3:QUAT 9 0 0 0 .5 .5 .5 .5 # .\n",
         [7, 9],
     ),
     "toro": (

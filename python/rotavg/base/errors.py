@@ -59,7 +59,10 @@ class MissingExtraError(Error, ImportError):
 
 
 class IncompleteWarning(UserWarning):
-    """A file was written, but not all that was known is in it, or not all in it is known."""
+    """A file was written, but not all that was known is in it, or not all in it is known.
+
+    Or rotations were read, and some in the file had to be mended.
+    """
 
 
 def require(module: str, extra: str) -> Any:

@@ -3,33 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import click
-import numpy as np
 
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.output import print_json, print_losses, print_notes, working
 from rotavg.io import check_writable, losses
+from rotavg.io.formats import num_nodes_written, warned_losses
+from rotavg.io.g2o_write import with_weights_to_write
 
 
 @click.command(short_help="Write a measurement graph in another format.")
 @click.argument("input_path", metavar="IN", type=options.PATH)
 @click.argument("output_path", metavar="OUT", type=options.PATH)
-@options.input_format
+@options.reading
 @options.output_graph
-@options.convention
-@options.unit_weights
 @options.as_json
 def convert(
     input_path: Path,
     output_path: Path,
-    format: str | None,
     output_format: str | None,
-    convention: Literal["pose", "vision"] | None,
-    unit_weights: bool,
     as_json: bool,
+    **reading: Any,
 ) -> None:
     """Write the measurement graph in IN in the format that OUT's name tells.
 
@@ -41,18 +38,18 @@ def convert(
     """
     check_writable(output_path, output_format)
     with working(f"reading {input_path}"):
-        graph = rotavg.read(input_path, format=format, convention=convention)
-    if unit_weights:
-        graph = graph.with_weights(np.ones(graph.num_edges))
+        graph = rotavg.read(input_path, **reading)
+    if reading["unit_weights"]:
+        graph = with_weights_to_write(graph)
     rotavg.write(output_path, graph, format=output_format)
+    written = num_nodes_written(output_path, graph, output_format)
     if as_json:
+        told = [function(output_path, graph, output_format) for function in (losses, warned_losses)]
         print_json({
-            "nodes": graph.num_nodes, "edges": graph.num_edges, "output": str(output_path),
-            "notes": [*graph.notes, *losses(output_path, graph, output_format)],
+            "nodes": written, "edges": graph.num_edges, "output": str(output_path),
+            "notes": [*graph.notes, *told[0], *told[1]],
         })  # fmt: skip
     else:
         print_notes(graph)
-        click.echo(
-            f"wrote {output_path}: {graph.num_nodes} nodes, {graph.num_edges} edges", err=True
-        )
+        click.echo(f"wrote {output_path}: {written} nodes, {graph.num_edges} edges", err=True)
         print_losses(output_path, graph, output_format)

@@ -16,9 +16,7 @@ from rotavg.solving.robust import bridges, contamination
 
 @click.command(short_help="Tell what graph is in a file, and how hard it is.")
 @click.argument("input_path", metavar="INPUT", type=options.PATH)
-@options.input_format
-@options.convention
-@options.unit_weights
+@options.reading
 @options.as_json
 def info(input_path: Path, as_json: bool, **reading: Any) -> None:
     """Tell what graph is in INPUT, and how hard it is to average.

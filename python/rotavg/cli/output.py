@@ -24,6 +24,7 @@ from rich.text import Text
 import rotavg
 from rotavg.base.json_text import json_text
 from rotavg.io import losses
+from rotavg.io.formats import losses_of_solution
 
 Callback = Optional[Callable[[rotavg.Progress], None]]
 
@@ -100,6 +101,14 @@ def print_notes(graph: rotavg.MeasurementGraph) -> None:
 def print_losses(path: Path, graph: rotavg.MeasurementGraph, format: str | None = None) -> None:
     """What of the graph is not in the file that was written, on stderr."""
     for loss in losses(path, graph, format):
+        click.echo(f"note: {path}: {loss}", err=True)
+
+
+def print_solution_losses(path: Path, solution: rotavg.Solution, format: str | None = None) -> None:
+    """What of the solution is not in the file that was written, or is made up, on stderr."""
+    if solution.graph.translations is None:
+        print_losses(path, solution.graph, format)
+    for loss in losses_of_solution(path, solution, format):
         click.echo(f"note: {path}: {loss}", err=True)
 
 

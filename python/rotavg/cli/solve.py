@@ -17,9 +17,9 @@ from rotavg.cli.command import Command
 from rotavg.cli.options import choice, number
 from rotavg.cli.output import (
     print_json,
-    print_losses,
     print_notes,
     print_solution,
+    print_solution_losses,
     progress,
     working,
 )
@@ -35,8 +35,8 @@ from rotavg.report import Run, check_report, write_report
     short_help="Find the rotations that fit best, and certify them.",
     groups={
         "Input and output": (
-            *("output", "report", "edges_path", "format", "output_format", "convention"),
-            *("unit_weights", "as_json"),
+            *("output", "report", "edges_path", "format", "output_format", "columns"),
+            *("convention", "unit_weights", "skip_self_edges", "as_json"),
         ),
         "Method": ("method", "init", "seed", "mu", "accelerate", "max_rank"),
         "Prior knowledge": ("fixed_path", "gravity_path", "gravity_weight"),
@@ -133,10 +133,8 @@ from rotavg.report import Run, check_report, write_report
     "Largest relative gap that is called optimal.",
 )
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
-@options.input_format
+@options.reading
 @options.output_solution
-@options.convention
-@options.unit_weights
 @options.as_json
 def solve(
     input_path: Path,
@@ -148,6 +146,8 @@ def solve(
     output_format: str | None,
     convention: Literal["pose", "vision"] | None,
     unit_weights: bool,
+    skip_self_edges: bool,
+    columns: str | None,
     as_json: bool,
     loss_scale: str,
     cycle_threshold: float | None,
@@ -192,7 +192,12 @@ def solve(
     start = time.perf_counter()
     with working(f"reading {input_path}"):
         graph = rotavg.read(
-            input_path, format=format, convention=convention, unit_weights=unit_weights
+            input_path,
+            format=format,
+            convention=convention,
+            unit_weights=unit_weights,
+            skip_self_edges=skip_self_edges,
+            columns=columns,
         )
     read_seconds = time.perf_counter() - start
     if not as_json:
@@ -223,8 +228,8 @@ def solve(
         for path in (output, edges_path, covariances_path, report):
             if path is not None:
                 click.echo(f"wrote {path}", err=True)
-        if output is not None and graph.translations is None:
-            print_losses(output, graph, output_format)
+        if output is not None:
+            print_solution_losses(output, solution, output_format)
     return 0 if solution.solved else 1
 
 

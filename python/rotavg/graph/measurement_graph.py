@@ -14,7 +14,9 @@ from rotavg.graph import conventions
 from rotavg.graph.conventions import Convention, QuaternionOrder
 from rotavg.graph.covariances import first_bad_covariance, isotropic_weights, pose_family
 from rotavg.graph.ids import IdArray, as_edges, as_nodes, edge_error, rows_of, unique_ids
+from rotavg.graph.nearest import TOLERANCE, projected
 from rotavg.graph.translations import RelativeTranslations
+from rotavg.graph.unused import not_used
 
 
 class Source(Protocol):
@@ -30,13 +32,14 @@ class MeasurementGraph:
 
     Each edge (i, j) carries R_ij = i_from_j, which maps coordinates of j to coordinates of i, so
     that R_i R_ij = R_j for R_i = world_from_i (pose family). Parallel edges add up, several
-    components are fine, an edge from a node to itself is not.
+    components are fine, an edge from a node to itself is not. An edge of weight 0 is not used: it
+    is left out, and `notes` tells so.
 
     Args:
         edges: (m, 2) node ids: 64-bit integers or names (str), not mixed.
         rotations: (m, 3, 3) relative rotations; each is replaced by the nearest rotation, and
-            refused if it is further away from one than 1e-3.
-        weights: (m,) weights in [1e-100, 1e100]; by default 1, or 3 / tr of the covariances.
+            refused if it is further away from one than `tolerance`.
+        weights: (m,) weights, 0 or in [1e-100, 1e100]; by default 1, or 3 / tr of the covariances.
         nodes: (n,) ids in the order that all results follow; may hold nodes without an edge. By
             default the ids that occur, ascending.
         convention: family of `rotations`: "pose" as above, or "vision" with R_ij = R_j R_i^T for
@@ -47,10 +50,13 @@ class MeasurementGraph:
         translations: of the edges, where they were measured; in the pose family.
         source: what a reader kept of the file, for a writer of the same format.
         notes: what a reader wants its user to know.
+        tolerance: the largest entry of |R^T R - I| that is taken for a rotation's.
+        skip_self_edges: whether to leave out edges from a node to itself, instead of refusing them;
+            `notes` tells how many.
 
     Attributes:
         nodes: (n,) ids.
-        edges: (m, 2) ids.
+        edges: (m, 2) ids; m counts the edges that are used.
         indices: (m, 2) int32, the edges as rows of `nodes`.
         rotations: (m, 3, 3) i_from_j, pose family.
         weights: (m,).
@@ -83,34 +89,50 @@ class MeasurementGraph:
         translations: RelativeTranslations | None = None,
         source: Source | None = None,
         notes: tuple[str, ...] = (),
+        tolerance: float = TOLERANCE,
+        skip_self_edges: bool = False,
     ) -> None:
-        self.edges = read_only(as_edges(edges))
-        self.nodes = read_only(unique_ids(self.edges) if nodes is None else as_nodes(nodes))
-        self.indices = read_only(_indices(self.edges, self.nodes))
-        m = len(self.edges)
+        ids = as_edges(edges)
+        m = len(ids)
+        self.nodes = read_only(unique_ids(ids) if nodes is None else as_nodes(nodes))
+        rows = _indices(ids, self.nodes)
         given = conventions.convert_family(as_floats(rotations, (m, 3, 3), "rotations"), convention)
         spread = None if covariances is None else as_floats(covariances, (m, 3, 3), "covariances")
         if spread is not None and (bad := first_bad_covariance(spread)) is not None:
-            raise edge_error(self.edges, *bad)
+            raise edge_error(ids, *bad)
         if weights is None:
             weights = np.ones(m) if spread is None else isotropic_weights(spread)
-        weights = as_floats(weights, (m,), "weights")
+        given_weights = as_floats(weights, (m,), "weights")
+        if translations is not None and len(translations) != m:
+            raise GraphError(f"there are {len(translations)} translations, expected {m}")
+        used = given_weights != 0
+        if skip_self_edges:
+            used &= rows[:, 0] != rows[:, 1]
+        if not used.all():
+            notes += not_used(ids, given_weights, used)
+            rows, given, given_weights = rows[used], given[used], given_weights[used]
+            spread = None if spread is None else spread[used]
+            translations = None if translations is None else translations.select(used)
+            source = None if source is None else source.select(used)
+        number = np.flatnonzero(used)  # of an edge as it was given
+        if tolerance > TOLERANCE:
+            given = projected(ids, given, number, tolerance)
         try:
             self._core = _core.MeasurementGraph(
-                len(self.nodes), self.indices, np.ascontiguousarray(given), weights
+                len(self.nodes), rows, np.ascontiguousarray(given), given_weights
             )
         except _core.InvalidEdge as error:
             edge, reason = error.args
-            raise edge_error(self.edges, edge, reason) from None
+            raise edge_error(ids, int(number[edge]), reason) from None
         except ValueError as error:
             raise GraphError(str(error)) from None
+        self.edges = read_only(ids if used.all() else ids[used])
+        self.indices = read_only(rows)
         self.rotations = read_only(self._core.rotations)
-        self.weights = read_only(weights)
+        self.weights = read_only(given_weights)
         if spread is not None and convention == "vision":
             spread = pose_family(spread, self.rotations)
         self.covariances = None if spread is None else read_only(spread)
-        if translations is not None and len(translations) != m:
-            raise GraphError(f"there are {len(translations)} translations, expected {m}")
         self.translations = translations
         self.source = source
         self.notes = notes
@@ -256,7 +278,7 @@ class MeasurementGraph:
         )
 
     def with_weights(self, weights: ArrayLike) -> MeasurementGraph:
-        """The same graph with other weights (m,)."""
+        """The same graph with other weights (m,); without the edges whose weight is 0."""
         return _rebuild(
             self.edges, self.rotations, weights, self.nodes, self.covariances,
             self.translations, self.source, self.notes,

@@ -13,6 +13,7 @@ from rotavg.base.errors import FormatError, GraphError
 from rotavg.graph.conventions import first_bad_quaternion, matrices_from_quaternions
 from rotavg.graph.ids import IdArray, as_nodes
 from rotavg.io.lines import check_finite, ids_of, number_table
+from rotavg.io.rounding import quaternion_notes
 
 QUATERNION = ("qx", "qy", "qz", "qw")
 
@@ -26,12 +27,14 @@ class AbsoluteRotations:
         rotations: (n, 3, 3); of a reader in the family of its format.
         component: (n,) labels of components, each with a gauge of its own; None if not told.
         image_ids: (n,) what COLMAP numbers its images by; None in other formats.
+        notes: what the reader wants its user to know.
     """
 
     nodes: IdArray
     rotations: NDArray[np.float64]
     component: NDArray[np.int64] | None = None
     image_ids: IdArray | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -82,10 +85,9 @@ def read_fields(
         raise FormatError(f"the file has no rotations, {expected}", path=path)
     table = number_table(path, numbers, lines, len(QUATERNION))
     check_finite(path, table, lines)
-    check_quaternions(path, table, lines)
-    return AbsoluteRotations(
-        distinct(path, ids_of(path, ids), lines), matrices_from_quaternions(table)
-    )
+    notes = check_quaternions(path, table, lines)
+    nodes = distinct(path, ids_of(path, ids), lines)
+    return AbsoluteRotations(nodes, matrices_from_quaternions(table), notes=notes)
 
 
 def is_header(fields: Sequence[bytes], words: Sequence[str]) -> bool:
@@ -93,11 +95,19 @@ def is_header(fields: Sequence[bytes], words: Sequence[str]) -> bool:
     return [f.decode(errors="replace").lower() for f in fields] == [w.lower() for w in words]
 
 
-def check_quaternions(path: Path, table: NDArray[np.float64], lines: Sequence[int]) -> None:
-    """FormatError that names the line of the first quaternion (m, 4) that is zero."""
+def check_quaternions(
+    path: Path, table: NDArray[np.float64], lines: Sequence[int]
+) -> tuple[str, ...]:
+    """What to tell of quaternions (m, 4); FormatError names the line of one that is no rotation."""
     bad = first_bad_quaternion(table)
     if bad is not None:
         raise FormatError(bad[1], path=path, line=lines[bad[0]])
+    return quaternion_notes(path, table, lines)
+
+
+def labels_of(components: Sequence[bytes]) -> NDArray[np.int64]:
+    """Numbers (n,) from 0 for the labels of components, whatever they are."""
+    return np.asarray(np.unique(np.array(components), return_inverse=True)[1], dtype=np.int64)
 
 
 def distinct(path: Path, ids: IdArray | Sequence[int], lines: Sequence[int] = ()) -> IdArray:

@@ -2,6 +2,7 @@
 
 A row of `two_view_geometries` has pair_id = 2147483647 * smaller_id + larger_id, the number of
 inliers, a configuration and, where they were computed, qvec (w x y z) and tvec: camera 2 from 1.
+Where they were not, they are computed here (`colmap_poses`), if pycolmap is installed.
 Nodes are the images' names, weights the numbers of inliers. The file is opened read-only through
 Python's sqlite3.
 """
@@ -21,7 +22,9 @@ from numpy.typing import NDArray
 
 from rotavg.base.errors import FileAccessError, FormatError
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.io.colmap_poses import quaternions_of_pairs
 from rotavg.io.registry import Format, ReadOptions, blame_line
+from rotavg.io.rounding import is_unit
 
 if TYPE_CHECKING:
     import sqlite3
@@ -33,6 +36,8 @@ CONFIGURATIONS = (
 )  # fmt: skip
 # Whose relative pose is that of two cameras that see one rigid scene.
 _USABLE = frozenset({2, 3, 4, 5, 6, 9})
+_NO_POSE = "no relative pose computed"
+_IDENTITY = np.array([1.0, 0, 0, 0]).tobytes()
 _MAGIC = b"SQLite format 3\0"
 
 
@@ -84,46 +89,70 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 def read_database(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
-    """Read the pairs that have a relative pose; tell how many others there are and why."""
+    """Read the pairs that have a relative pose, or one that can be computed; tell of the others."""
     del data  # only its beginning, to tell what it is
     with opened(path) as connection:
         images = connection.execute("SELECT image_id, name, camera_id FROM images").fetchall()
+        has_poses = _has_poses(connection)
+        poses = "qvec, tvec" if has_poses else "NULL, NULL"
         rows = connection.execute(
-            "SELECT pair_id, rows, config, qvec, tvec FROM two_view_geometries ORDER BY pair_id"
+            f"SELECT pair_id, rows, config, {poses} FROM two_view_geometries ORDER BY pair_id"
         ).fetchall()
-    names = {image: name for image, name, _ in images}
-    ids, quaternions, inliers, kinds = [], [], [], []
-    skipped: Counter[str] = Counter()
-    for pair_id, count, kind, qvec, tvec in rows:
-        pair = pair_of(pair_id)
-        reason = _reason_to_skip(count, kind, qvec, tvec)
-        if reason:
-            skipped[reason] += 1
-            continue
-        if not all(image in names for image in pair):
-            found = f"pair_id {pair_id} is images {pair[0]} and {pair[1]}"
-            raise FormatError(f"{found}, expected ids in the table images", path=path)
-        ids.append([names[image] for image in pair])
-        quaternions.append(_vector(path, pair_id, qvec, 4))
-        inliers.append(float(count))
-        kinds.append(kind)
-    if not ids:
-        raise FormatError(_nothing(len(rows), skipped), path=path)
+        names = {image: name for image, name, _ in images}
+        stored, without, skipped = _sorted_out(path, rows, names)
+        computed = (
+            quaternions_of_pairs(connection, [(pair, *pair_of(pair)) for pair in without])
+            if without
+            else {}
+        )
+    quaternions = {**stored, **(computed or {})}
+    skipped[_NO_POSE] = len(without) - len(computed or {})
+    notes = _notes(has_poses, computed, skipped)
+    if not quaternions:
+        raise FormatError(_nothing(len(rows), skipped, notes), path=path)
+    used = [row for row in rows if row[0] in quaternions]
     with blame_line(path):
         return MeasurementGraph.from_quaternions(
-            ids,
-            quaternions,
-            None if options.unit_weights else inliers,
+            [[names[image] for image in pair_of(pair_id)] for pair_id, *_ in used],
+            [quaternions[pair_id] for pair_id, *_ in used],
+            None if options.unit_weights else [float(count) for _, count, *_ in used],
             [name for _, name, _ in sorted(images)],
             order="wxyz",
-            convention=options.convention,
+            **options.of_graph,
             source=ColmapImages(
                 {name: image for image, name, _ in images},
                 {name: camera for _, name, camera in images},
-                np.array(kinds),
+                np.array([kind for _, _, kind, *_ in used]),
             ),
-            notes=tuple(f"{n} pairs skipped: {why}" for why, n in sorted(skipped.items())),
+            notes=notes,
         )
+
+
+def _sorted_out(
+    path: Path, rows: list[Any], names: dict[int, str]
+) -> tuple[dict[int, NDArray[np.float64]], list[int], Counter[str]]:
+    """Stored rotations wxyz by pair id, pairs without one, and why how many others are skipped."""
+    stored, without = {}, []
+    skipped: Counter[str] = Counter()
+    for pair_id, count, kind, qvec, tvec in rows:
+        reason = _reason_to_skip(path, pair_id, count, kind, qvec, tvec)
+        if reason and reason != _NO_POSE:
+            skipped[reason] += 1
+            continue
+        pair = pair_of(pair_id)
+        if not all(image in names for image in pair):
+            found = f"pair_id {pair_id} is images {pair[0]} and {pair[1]}"
+            raise FormatError(f"{found}, expected ids in the table images", path=path)
+        if reason:
+            without.append(pair_id)
+        else:
+            stored[pair_id] = _vector(path, pair_id, qvec, 4)
+    return stored, without, skipped
+
+
+def _has_poses(connection: sqlite3.Connection) -> bool:
+    columns = connection.execute("PRAGMA table_info(two_view_geometries)").fetchall()
+    return not columns or "qvec" in {name for _, name, *_ in columns}
 
 
 def read_gravity_of(path: Path) -> tuple[list[str], NDArray[np.float64]]:
@@ -139,18 +168,21 @@ def read_gravity_of(path: Path) -> tuple[list[str], NDArray[np.float64]]:
     return [rows[k][0] for k in known], found
 
 
-def _reason_to_skip(count: int, kind: int, qvec: bytes | None, tvec: bytes | None) -> str:
+def _reason_to_skip(
+    path: Path, pair_id: int, count: int, kind: int, qvec: bytes | None, tvec: bytes | None
+) -> str:
     if kind not in _USABLE:
         known = 0 <= kind < len(CONFIGURATIONS)
         return f"configuration {CONFIGURATIONS[kind] if known else kind}"
-    if qvec is None:
-        return "no relative pose computed"
     if count <= 0:
         return "no inliers"
-    # COLMAP before 3.12 wrote the identity where it had computed nothing.
-    if tvec is not None and not any(tvec) and qvec == np.array([1.0, 0, 0, 0]).tobytes():
-        return "no relative pose computed"
-    return ""
+    # COLMAP before 3.12 wrote the identity where it had computed nothing, or zeros.
+    if qvec is None or (tvec is not None and not any(tvec) and qvec == _IDENTITY):
+        return _NO_POSE
+    quaternion = _vector(path, pair_id, qvec, 4)
+    if not quaternion.any():
+        return _NO_POSE
+    return "" if is_unit(quaternion) else "the stored pose is no rotation"
 
 
 def _vector(path: Path, row: Any, blob: bytes, size: int) -> NDArray[np.float64]:
@@ -160,12 +192,34 @@ def _vector(path: Path, row: Any, blob: bytes, size: int) -> NDArray[np.float64]
     return np.frombuffer(blob, dtype="<f8").astype(np.float64)
 
 
-def _nothing(pairs: int, skipped: Counter[str]) -> str:
+def _notes(
+    has_poses: bool, computed: dict[int, NDArray[np.float64]] | None, skipped: Counter[str]
+) -> tuple[str, ...]:
+    notes = []
+    if not has_poses:
+        notes.append("the database is of a COLMAP too old to store relative poses")
+    if computed:
+        what = "1 relative pose is" if len(computed) == 1 else f"{len(computed)} relative poses are"
+        notes.append(
+            f"{what} computed from two-view geometry, inliers and cameras, as COLMAP stored none"
+        )
+    for why, n in sorted(skipped.items()):
+        if n:
+            notes.append(f"{n} pairs skipped: {why}")
+    if computed is None:
+        notes.append('with pycolmap they are computed here: pip install "rotavg[colmap]"')
+    return tuple(notes)
+
+
+def _nothing(pairs: int, skipped: Counter[str], notes: tuple[str, ...]) -> str:
     if not pairs:
         return "the database has no verified image pairs: match the images first"
-    why = ", ".join(f"{reason}: {count}" for reason, count in skipped.most_common())
+    why = ", ".join(f"{reason}: {count}" for reason, count in skipped.most_common() if count)
+    further = [note for note in notes if "skipped" not in note]
     hint = "expected some (pycolmap computes them with compute_relative_pose = True)"
-    return f"none of the {pairs} image pairs has a relative pose ({why}), {hint}"
+    return "; ".join(
+        [f"none of the {pairs} image pairs has a relative pose ({why}), {hint}", *further]
+    )
 
 
 COLMAP_DATABASE = Format(

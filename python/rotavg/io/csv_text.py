@@ -1,22 +1,32 @@
 """CSV: text with commas, and quotes around names that need them; pose family if not told otherwise.
 
 The columns are those of `text`. A name with a blank, a comma, a quote or # in it stands between
-double quotes, where "" is a quote (RFC 4180). Lines that begin with # are comments.
+double quotes, where "" is a quote (RFC 4180). Lines that begin with # are comments where they are
+read; none is written, as most programs take the first line for the header.
 """
 
 from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rotavg.base.errors import FormatError
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.io.absolute import AbsoluteRotations, RotationReader, is_header, read_fields
+from rotavg.io.absolute import AbsoluteRotations, RotationReader
 from rotavg.io.lines import BYTE_ORDER_MARK, content_lines, is_number
 from rotavg.io.registry import Format, ReadOptions, Writable
-from rotavg.io.text import SOLUTION_HEADER, is_edge, read_rows, read_text, write_rows
+from rotavg.io.table import is_header
+from rotavg.io.text import (
+    SOLUTION_HEADER,
+    is_edge,
+    read_edges,
+    read_nodes,
+    read_text,
+    read_text_rotations,
+    write_rows,
+)
 
 _NEEDS_QUOTES = re.compile(r'[\s,#"]')
 
@@ -25,17 +35,22 @@ def read_csv(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     """Read edges from a CSV file."""
     if b'"' not in data:
         return read_text(path, data, options)
-    return read_rows(path, _rows(path, data), options)
+    return read_edges(path, data, _rows(path, data), options)
 
 
-def read_csv_rotations(path: Path, data: bytes) -> AbsoluteRotations:
+def read_csv_rotations(
+    path: Path, data: bytes, columns: Sequence[str] | None = None
+) -> AbsoluteRotations:
     """Read a solution."""
-    return read_fields(path, _rows(path, data), SOLUTION_HEADER, node="id")
+    if b'"' not in data:
+        return read_text_rotations(path, data, columns)
+    return read_nodes(path, data, _rows(path, data), columns)
 
 
 def write_csv(path: Path, item: Writable) -> bytes:
     """The content of a CSV file of a graph or a solution."""
-    return "\n".join([*write_rows(path, item, ",", lambda name: _quoted(path, name)), ""]).encode()
+    _, rows = write_rows(path, item, ",", lambda name: _quoted(path, name))
+    return "\n".join([*rows, ""]).encode()
 
 
 def _rows(path: Path, data: bytes) -> Iterator[tuple[int, list[bytes]]]:
@@ -48,7 +63,9 @@ def _rows(path: Path, data: bytes) -> Iterator[tuple[int, list[bytes]]]:
     lines = text.splitlines()
     # Comments become blank lines, so that the reader counts them.
     content = ["" if line.lstrip().startswith("#") else line for line in lines]
-    reader = csv.reader(content, skipinitialspace=True, strict=True)
+    beginning = next((line for line in content if line.strip()), "")
+    separator = ";" if beginning.count(";") > beginning.count(",") else ","
+    reader = csv.reader(content, delimiter=separator, skipinitialspace=True, strict=True)
     try:
         for fields in reader:
             if any(fields):
@@ -83,7 +100,7 @@ def _looks_like_csv(head: bytes) -> bool:
 def _looks_like_rotations(head: bytes) -> bool:
     """Whether there are commas between five fields: no other format has both."""
     fields = _first_row(head)
-    return is_header(fields, SOLUTION_HEADER) or (
+    return is_header(fields, 1) or (
         len(fields) == len(SOLUTION_HEADER) and all(map(is_number, fields[1:]))
     )
 
@@ -94,6 +111,8 @@ CSV = Format(
     recognises=_looks_like_csv,
     read=read_csv,
     write=write_csv,
+    has_isolated=False,
     any_convention=True,
+    has_components=True,
     rotations=RotationReader((), read_csv_rotations, _looks_like_rotations, (".csv",)),
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from rotavg.io import (
     tum,
 )
 from rotavg.io.g2o_write import PoseFile
-from rotavg.io.registry import Format, ReadOptions, SolutionLike, Writable
+from rotavg.io.registry import Format, ReadOptions, SolutionLike, Writable, components_to_tell
 
 # In the order in which they are asked whether they recognise a content: the vaguest come last.
 FORMATS: tuple[Format, ...] = (
@@ -44,12 +45,17 @@ FORMATS: tuple[Format, ...] = (
 )
 
 
+TABLES = (text.TEXT, csv_text.CSV)
+
+
 def read(
     path: str | os.PathLike[str],
     *,
     format: str | None = None,
     convention: Convention | None = None,
     unit_weights: bool = False,
+    skip_self_edges: bool = False,
+    columns: str | Sequence[str] | None = None,
 ) -> MeasurementGraph:
     """Read a measurement graph.
 
@@ -60,6 +66,11 @@ def read(
         convention: the family that the rotations are in, "pose" or "vision", where the format
             leaves that open: text, csv and npz, "pose" by default.
         unit_weights: weigh every edge 1 and ignore what the file says about weights.
+        skip_self_edges: leave out edges from a node to itself, instead of refusing them.
+        columns: what the columns of a text or CSV file are that has no header to say so, such as
+            "i,j,qw,qx,qy,qz,weight" or a list of these words: rotations as quaternions,
+            rotation vectors "rx,ry,rz" in radians, or matrices "r11,r12,...,r33"; "_" for a
+            column that is not to be read.
 
     Returns:
         The graph (pose family). Its `notes` tell what was skipped or mended on the way, its
@@ -71,7 +82,11 @@ def read(
             the format has a convention of its own, which is another.
     """
     path = Path(path)
-    if format is None:
+    words = None if columns is None else words_of(columns)
+    if words is not None and format is None:
+        data = registry.read_bytes(FORMATS, path)
+        chosen = table_format(path, data)
+    elif format is None:
         path = registry.in_folder(FORMATS, path)
         data = registry.read_bytes(FORMATS, path)
         chosen = registry.of_content(FORMATS, path, data)
@@ -81,7 +96,11 @@ def read(
         data = registry.read_bytes(FORMATS, path)
     if chosen.read is None:
         raise FormatError(f"{chosen.name} is a format for output only", path=path)
-    return chosen.read(path, data, ReadOptions(unit_weights, chosen.family(path, convention)))
+    if words is not None and chosen not in TABLES:
+        found = f"columns are given, and {chosen.name} has its own"
+        raise FormatError(f"{found}: expected them for text or csv", path=path)
+    family = chosen.family(path, convention)
+    return chosen.read(path, data, ReadOptions(unit_weights, family, skip_self_edges, words))
 
 
 def write(
@@ -100,7 +119,8 @@ def write(
 
     Warns:
         IncompleteWarning: SciPy is missing, so that the translations in a pose graph's file stay
-            as they were; or the format has no place for weights that are not all equal.
+            as they were; or the format has no place for weights that are not all equal, or for
+            nodes without an edge.
 
     Raises:
         FileAccessError: the file cannot be written; what was there before is untouched.
@@ -117,8 +137,9 @@ def write(
     assert chosen.write is not None
     content = chosen.write(path, graph_or_solution)
     atomic.write_files({path: content} if isinstance(content, bytes) else content)
-    if not chosen.has_weights and isinstance(graph_or_solution, MeasurementGraph):
-        _tell_lost_weights(path, chosen, graph_or_solution)
+    if isinstance(graph_or_solution, MeasurementGraph):
+        for loss in _lost(chosen, graph_or_solution):
+            warnings.warn(f"{path}: {loss}", IncompleteWarning, stacklevel=2)
 
 
 def check_writable(
@@ -144,7 +165,10 @@ def check_writable(
 def losses(
     path: str | os.PathLike[str], graph: MeasurementGraph, format: str | None = None
 ) -> tuple[str, ...]:
-    """What of a graph is not in the file that `write` makes of it, or is made up; weights apart."""
+    """What of a graph is not in the file that `write` makes of it, or is made up.
+
+    But for what `write` warns of.
+    """
     _, chosen = _output(path, format)
     told = []
     if graph.translations is not None and not chosen.has_translations:
@@ -162,6 +186,17 @@ def losses(
     return tuple(told)
 
 
+def words_of(columns: str | Sequence[str]) -> tuple[str, ...]:
+    """The words in what says the columns."""
+    words = columns.replace(",", " ").split() if isinstance(columns, str) else columns
+    return tuple(str(word).strip() for word in words)
+
+
+def table_format(path: Path, data: bytes) -> Format:
+    """Which of the two formats a table is in whose columns the user knows."""
+    return csv_text.CSV if csv_text.CSV.is_name(path) or b'"' in data else text.TEXT
+
+
 def _output(path: str | os.PathLike[str], format: str | None) -> tuple[Path, Format]:
     """The file to write and its format."""
     path = Path(path)
@@ -173,7 +208,51 @@ def _output(path: str | os.PathLike[str], format: str | None) -> tuple[Path, For
     return chosen.file_of(path), chosen
 
 
-def _tell_lost_weights(path: Path, form: Format, graph: MeasurementGraph) -> None:
-    if np.ptp(graph.weights) > 0:
-        message = f"{path}: the weights are not in it, {form.name} has no place for them"
-        warnings.warn(message, IncompleteWarning, stacklevel=3)
+def losses_of_solution(
+    path: str | os.PathLike[str], solution: SolutionLike, format: str | None = None
+) -> tuple[str, ...]:
+    """What of a solution is not in the file that `write` makes of it, but for its graph."""
+    _, chosen = _output(path, format)
+    label = components_to_tell(solution)
+    if not label or chosen.has_components or chosen.puts_back:
+        return ()
+    return (
+        f"{max(label) + 1} components, each with a gauge of its own, and {chosen.name} does not "
+        "tell them apart (csv, text and npz do)",
+    )
+
+
+def num_nodes_written(
+    path: str | os.PathLike[str], graph: MeasurementGraph, format: str | None = None
+) -> int:
+    """How many nodes of a graph a reader finds in the file that `write` makes of it."""
+    _, chosen = _output(path, format)
+    return graph.num_nodes - (0 if chosen.has_isolated else len(_isolated(graph)))
+
+
+def warned_losses(
+    path: str | os.PathLike[str], graph: MeasurementGraph, format: str | None = None
+) -> tuple[str, ...]:
+    """What `write` warns of where it writes this graph."""
+    return _lost(_output(path, format)[1], graph)
+
+
+def _lost(form: Format, graph: MeasurementGraph) -> tuple[str, ...]:
+    told = []
+    if not form.has_weights and np.ptp(graph.weights) > 0:
+        told.append(f"the weights are not in it, {form.name} has no place for them")
+    alone = () if form.has_isolated else _isolated(graph)
+    if len(alone):
+        named = ", ".join(map(repr, alone[:5])) + (", ..." if len(alone) > 5 else "")
+        what = "1 node without an edge is" if len(alone) == 1 else (
+            f"{len(alone)} nodes without an edge are"
+        )  # fmt: skip
+        told.append(f"{what} not in it ({named}), {form.name} has no place for such")
+    return tuple(told)
+
+
+def _isolated(graph: MeasurementGraph) -> list[int | str]:
+    """The ids of the nodes without an edge."""
+    alone = np.ones(graph.num_nodes, dtype=np.bool_)
+    alone[graph.indices] = False
+    return graph.nodes[alone].tolist()  # type: ignore[no-any-return]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections import Counter, defaultdict
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -29,22 +28,31 @@ from rotavg.io.absolute import (
     distinct,
 )
 from rotavg.io.dialects import DIALECTS, G2O_3D, Dialect
-from rotavg.io.lines import BYTE_ORDER_MARK, check_finite, content_lines, number_table, shown
+from rotavg.io.g2o_lines import Lines, check_fixed, edge_table, integers
+from rotavg.io.lines import (
+    BYTE_ORDER_MARK,
+    check_finite,
+    content_lines,
+    is_number,
+    number_table,
+    shown,
+)
 from rotavg.io.registry import Format, ReadOptions, blame_line
+from rotavg.io.rounding import quaternion_notes
 
 _EDGES = {dialect.edge: dialect for dialect in DIALECTS}
 _VERTICES = {dialect.vertex: dialect for dialect in DIALECTS}
-_G2O_TAG = re.compile(rb"^[ \t]*(VERTEX|EDGE)_[A-Z0-9_]+(:[A-Z0-9_]+)?[ \t]", re.MULTILINE)
+# Those of applications and tutorials, too, of which an error lists what was found.
+_G2O_TAG = re.compile(rb"^[ \t]*\w*(VERTEX|EDGE)_\w+(:\w+)?[ \t]", re.MULTILINE | re.IGNORECASE)
 _TORO_TAG = re.compile(rb"^[ \t]*(VERTEX|EDGE)[23][ \t]", re.MULTILINE)
-_LENGTH_WORTH_A_NOTE = 1e-3
 
 
 def read_g2o(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     """Read a pose graph; lines with other tags are skipped, counted and told."""
-    edges: dict[Dialect, _Lines] = defaultdict(_Lines)
-    vertices: dict[Dialect, _Lines] = defaultdict(_Lines)
+    edges: dict[Dialect, Lines] = defaultdict(Lines)
+    vertices: dict[Dialect, Lines] = defaultdict(Lines)
     unknown: Counter[bytes] = Counter()
-    fixed: list[int] = []
+    fixed: dict[int, int] = {}
     for line, text in content_lines(path, data):
         fields = text.split(None, 3)
         tag = fields[0]
@@ -53,7 +61,7 @@ def read_g2o(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
         elif tag in _VERTICES:
             vertices[_VERTICES[tag]].add(path, line, text.split(None, 2), num_ids=1)
         elif tag == g2o_write.FIX:
-            fixed += _integers(path, line, text.split()[1:])
+            fixed.update(dict.fromkeys(integers(path, line, text.split()[1:]), line))
         else:
             unknown[tag] += 1
     if not edges:
@@ -66,7 +74,7 @@ def read_g2o(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
 
 def read_vertices(path: Path, data: bytes) -> AbsoluteRotations:
     """Read the rotations of the vertices."""
-    vertices: dict[Dialect, _Lines] = defaultdict(_Lines)
+    vertices: dict[Dialect, Lines] = defaultdict(Lines)
     others: Counter[bytes] = Counter()
     for line, text in content_lines(path, data):
         fields = text.split(None, 2)
@@ -81,16 +89,18 @@ def read_vertices(path: Path, data: bytes) -> AbsoluteRotations:
     ids: list[int] = []
     lines: list[int] = []
     rotations = []
+    notes: tuple[str, ...] = ()
     for dialect, found_here in vertices.items():
         table = number_table(path, found_here.rows, found_here.lines, dialect.num_pose)
-        check_finite(path, table, found_here.lines)
         turns = table[:, dialect.dimension :]
+        check_finite(path, turns, found_here.lines)
         if dialect is G2O_3D:
-            check_quaternions(path, turns, found_here.lines)
+            notes += check_quaternions(path, turns, found_here.lines)
         ids += found_here.ids
         lines += found_here.lines
         rotations.append(dialect.rotations(turns))
-    return AbsoluteRotations(distinct(path, ids, lines), np.concatenate(rotations))
+    nodes = distinct(path, ids, lines)
+    return AbsoluteRotations(nodes, np.concatenate(rotations), notes=notes)
 
 
 def _graph(
@@ -98,31 +108,33 @@ def _graph(
     data: bytes,
     options: ReadOptions,
     dialect: Dialect,
-    edges: _Lines,
-    vertices: _Lines,
-    fixed: list[int],
+    edges: Lines,
+    vertices: Lines,
+    fixed: dict[int, int],
     unknown: Counter[bytes],
 ) -> MeasurementGraph:
     lines = edges.lines
     given = np.empty((0, dialect.num_pose))
     if vertices.lines:
         given = number_table(path, vertices.rows, vertices.lines, dialect.num_pose)
-    table = number_table(path, edges.rows, lines, dialect.num_pose + len(dialect.order))
-    check_finite(path, table, lines)
+    check_fixed(path, dialect, vertices, given, fixed)
+    table = edge_table(path, dialect, edges, options.unit_weights)
     poses = table[:, : dialect.num_pose]
-    information = dialect.matrices(table[:, dialect.num_pose :])
     turns = poses[:, dialect.dimension :]
-    notes = _notes(unknown, turns if dialect is G2O_3D else None, lines)
+    notes = _unknown_notes(unknown)
+    if dialect is G2O_3D:
+        notes += quaternion_notes(path, turns, lines)
+    told = table.shape[1] > dialect.num_pose
+    information = dialect.matrices(table[:, dialect.num_pose :]) if told else None
+    if not told:
+        notes += ("the edges have no information: every edge weighs 1",)
     weights = np.ones(len(lines))
     covariances: NDArray[np.float64] | None = None
-    if not options.unit_weights:
+    if information is not None and not options.unit_weights:
         omega = dialect.rotation_information(information)
         weights = _weights(path, omega, lines)
         if dialect is G2O_3D:
-            inverse = np.linalg.inv(omega)
-            covariances = (inverse + np.swapaxes(inverse, 1, 2)) / 2
-            if first_bad_covariance(covariances) is not None:  # by rounding
-                covariances = None
+            covariances = _covariances(omega, weights)
     with blame_line(path, lines):
         ids = as_edges(np.array(edges.ids, dtype=object).reshape(-1, 2))
         bad = first_bad_quaternion(turns) if dialect is G2O_3D else None
@@ -147,44 +159,31 @@ def _graph(
             ),
             notes=notes + further,
             covariances=covariances,
-            convention=options.convention,
+            **options.of_graph,
         )
 
 
-@dataclass
-class _Lines:
-    """The lines of one tag: ids, the text after them, and the line numbers."""
-
-    ids: list[int] = field(default_factory=list)
-    rows: list[bytes] = field(default_factory=list)
-    lines: list[int] = field(default_factory=list)
-
-    def add(self, path: Path, line: int, fields: list[bytes], num_ids: int) -> None:
-        self.ids += _integers(path, line, fields[1 : 1 + num_ids])
-        if len(fields) < 2 + num_ids:
-            found = f"found only {len(fields) - 1} values after {shown(fields[0])}"
-            raise FormatError(f"{found}, the line is truncated", path=path, line=line)
-        self.rows.append(fields[-1])
-        self.lines.append(line)
-
-
-def _integers(path: Path, line: int, fields: list[bytes]) -> list[int]:
-    try:
-        return list(map(int, fields))
-    except ValueError:
-        found = " ".join(map(shown, fields))
-        raise FormatError(
-            f"found {found} for node ids, expected integers", path=path, line=line
-        ) from None
+def _covariances(
+    omega: NDArray[np.float64], weights: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """(m, 3, 3) inverse information; None where rounding leaves no covariance."""
+    omega = np.where(weights[:, None, None] > 0, omega, np.eye(3))  # those are not used
+    inverse = np.linalg.inv(omega)
+    covariances = (inverse + np.swapaxes(inverse, 1, 2)) / 2
+    return None if first_bad_covariance(covariances) is not None else covariances
 
 
 def _translations(
-    dialect: Dialect, poses: NDArray[np.float64], information: NDArray[np.float64]
+    dialect: Dialect,
+    poses: NDArray[np.float64],
+    information: NDArray[np.float64] | None,
 ) -> tuple[RelativeTranslations | None, tuple[str, ...]]:
     """The edges' translations, if they say anything, and what the user should know."""
     vectors = dialect.translations(poses)
     if not vectors.any():
         return None, ()
+    if information is None:
+        return RelativeTranslations(vectors), ()
     omega = dialect.translation_information(information)
     bad = first_not_positive_definite(omega)
     if bad is not None:
@@ -196,7 +195,8 @@ def _translations(
 
 
 def _weights(path: Path, omega: NDArray[np.float64], lines: list[int]) -> NDArray[np.float64]:
-    weights = g2o_write.kappa(omega)
+    """What the information says of rotations; without any, 0: the edge is not used."""
+    weights = np.where((omega == 0).all(axis=(1, 2)), 0.0, g2o_write.kappa(omega))
     bad = np.isnan(weights)
     if bad.any():
         found = "the rotation part of the information matrix is not positive definite"
@@ -205,32 +205,26 @@ def _weights(path: Path, omega: NDArray[np.float64], lines: list[int]) -> NDArra
     return weights
 
 
-def _notes(
-    unknown: Counter[bytes], quaternions: NDArray[np.float64] | None, lines: list[int]
-) -> tuple[str, ...]:
-    notes = []
-    if unknown:
-        count = sum(unknown.values())
-        notes.append(
-            f"{count} line{'s' * (count > 1)} with unknown tags skipped ({_listed(unknown)})"
-        )
-    if quaternions is None:
-        return tuple(notes)
-    off = np.abs(np.linalg.norm(quaternions, axis=1) - 1)
-    worst = int(np.argmax(off))
-    if off[worst] > _LENGTH_WORTH_A_NOTE:
-        count = int(np.count_nonzero(off > _LENGTH_WORTH_A_NOTE))
-        notes.append(
-            f"{count} quaternion{'s' * (count > 1)} normalised whose length was not 1 "
-            f"(off by up to {off[worst]:.3g}, in line {lines[worst]})"
-        )
-    return tuple(notes)
+def _unknown_notes(unknown: Counter[bytes]) -> tuple[str, ...]:
+    if not unknown:
+        return ()
+    count = sum(unknown.values())
+    return (f"{count} line{'s' * (count > 1)} with unknown tags skipped ({_listed(unknown)})",)
 
 
-def _no_line(vertices: dict[Dialect, _Lines], unknown: Counter[bytes]) -> str:
+def _no_line(vertices: dict[Dialect, Lines], unknown: Counter[bytes]) -> str:
     known = ", ".join(tag.decode() for tag in _EDGES)
     tags = unknown + Counter({d.vertex: len(v.lines) for d, v in vertices.items()})
     return f"no line {known}" + (f"; found {_listed(tags)}" if tags else "")
+
+
+def _has_tag(head: bytes) -> bool:
+    """Whether lines begin with a word: in a file of this name, a tag."""
+    if b"\0" in head:
+        return False
+    for _, text in content_lines(Path(), head):
+        return not is_number(text.split(None, 1)[0])
+    return False
 
 
 def _listed(tags: Counter[bytes]) -> str:
@@ -246,6 +240,7 @@ G2O = Format(
     write=g2o_write.write_g2o,
     has_translations=True,
     puts_back=True,
+    claims=_has_tag,
     rotations=RotationReader(
         (), read_vertices, lambda head: _G2O_TAG.search(head) is not None, (".g2o",)
     ),
@@ -258,6 +253,7 @@ TORO = Format(
     write=g2o_write.write_toro,
     has_translations=True,
     puts_back=True,
+    claims=_has_tag,
     rotations=RotationReader(
         (),
         read_vertices,

@@ -61,6 +61,22 @@ def write_toro(path: Path, item: Writable) -> bytes:
     return _write(path, item, (TORO_3D, TORO_2D))
 
 
+def with_weights_to_write(graph: MeasurementGraph) -> MeasurementGraph:
+    """The same graph, all of whose weights go into its file, also those as they were read."""
+    if not isinstance(graph.source, PoseFile):
+        return graph
+    return MeasurementGraph(
+        graph.edges,
+        graph.rotations,
+        graph.weights,
+        graph.nodes,
+        covariances=graph.covariances,
+        translations=graph.translations,
+        source=replace(graph.source, weights=np.full(graph.num_edges, np.nan)),
+        notes=graph.notes,
+    )
+
+
 def kappa(omega: Floats) -> Floats:
     """SE-Sync's concentration of rotation information (m, 3, 3); NaN where not positive definite.
 
@@ -233,7 +249,9 @@ def _reweighted(dialect: Dialect, text: bytes, weight: float) -> bytes:
     content, comment, rest = text.rstrip().partition(b"#")
     fields = content.split()
     start = 3 + dialect.num_pose
-    matrices = dialect.matrices(np.array(fields[start:], dtype=np.float64)[None])
+    matrices = dialect.information(np.eye(3)[None], np.zeros(1))
+    if fields[start:]:
+        matrices = dialect.matrices(np.array(fields[start:], dtype=np.float64)[None])
     now = float(kappa(dialect.rotation_information(matrices))[0])
     if now > 0:
         turned = np.arange(matrices.shape[1]) >= dialect.dimension

@@ -31,6 +31,7 @@ from rotavg.io.lines import (
     plain_name,
 )
 from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
+from rotavg.io.rounding import quaternion_notes
 
 _EXPECTED = "expected NAME1 NAME2 qw qx qy qz tx ty tz"
 _ROTATION = ("NAME", "qw", "qx", "qy", "qz")
@@ -38,21 +39,22 @@ _ROTATION = ("NAME", "qw", "qx", "qy", "qz")
 
 def read_glomap(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     """Read relative poses, and the weights beside them."""
-    names, table, lines = _pairs(path, data, 7, _EXPECTED)
+    names, table, lines = _pairs(path, data, 7, _EXPECTED, read=4)
     if not lines:
         raise FormatError(f"the file has no relative poses, {_EXPECTED}", path=path)
     ids = ids_of(path, names).reshape(-1, 2)
     weights: NDArray[np.float64] | None = None
-    notes: tuple[str, ...] = ()
+    notes = quaternion_notes(path, table, lines)
     if not options.unit_weights:
-        weights, notes = _weights(_weight_file(path), ids)
+        weights, further = _weights(_weight_file(path), ids)
+        notes += further
     with blame_line(path, lines):
         return MeasurementGraph.from_quaternions(
             ids,
-            table[:, :4],
+            table,
             weights,
             order="wxyz",
-            convention=options.convention,
+            **options.of_graph,
             notes=notes,
         )
 
@@ -95,10 +97,10 @@ def _weights(file: Path, edges: IdArray) -> tuple[NDArray[np.float64] | None, tu
     except OSError as error:
         reason = error.strerror or str(error)
         raise FileAccessError(f"cannot be read: {reason}", path=file) from error
-    names, table, lines = _pairs(file, data, 1, "expected NAME1 NAME2 weight")
+    names, table, lines = _pairs(file, data, 1, "expected NAME1 NAME2 weight", read=1)
     for line, weight in zip(lines, table[:, 0].tolist()):
-        if not 1e-100 <= weight <= 1e100:
-            message = f"found the weight {weight:g}, expected one from 1e-100 to 1e100"
+        if weight != 0 and not 1e-100 <= weight <= 1e100:
+            message = f"found the weight {weight:g}, expected 0 or one from 1e-100 to 1e100"
             raise FormatError(message, path=file, line=line)
     known: dict[frozenset[str], float] = {}
     fields = [name.decode(errors="replace") for name in names]
@@ -112,9 +114,12 @@ def _weights(file: Path, edges: IdArray) -> tuple[NDArray[np.float64] | None, tu
 
 
 def _pairs(
-    path: Path, data: bytes, columns: int, expected: str
+    path: Path, data: bytes, columns: int, expected: str, *, read: int
 ) -> tuple[list[bytes], NDArray[np.float64], list[int]]:
-    """The names (2 m) and numbers (m, columns) of lines `NAME1 NAME2 numbers`, and the lines."""
+    """Names (2 m) and the first numbers (m, read) of lines `NAME1 NAME2 numbers`, and the lines.
+
+    There are so many `columns` of numbers; what is not read need not be finite.
+    """
     names: list[bytes] = []
     rows: list[bytes] = []
     lines: list[int] = []
@@ -127,6 +132,7 @@ def _pairs(
         rows.append(fields[2])
         lines.append(line)
     table = number_table(path, rows, lines, columns) if lines else np.empty((0, columns))
+    table = table[:, :read]
     check_finite(path, table, lines)
     return names, table, lines
 
@@ -146,6 +152,7 @@ GLOMAP = Format(
     recognises=_looks_like_poses,
     read=read_glomap,
     write=write_glomap,
+    has_isolated=False,
     convention="vision",
     # Their content would fit a text solution without its header as well.
     rotations=RotationReader(_ROTATION, read_glomap_rotations, suffixes=("*glomap_rotations.txt",)),

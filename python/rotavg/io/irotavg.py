@@ -27,6 +27,7 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, read_fields
 from rotavg.io.lines import check_finite, content_lines, exactly, number_table, shown
 from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
+from rotavg.io.rounding import quaternion_notes
 
 _ROTATION = ("qw", "qx", "qy", "qz")
 _ID = re.compile(rb"-?[0-9]{1,20}")
@@ -65,8 +66,9 @@ def read_irotavg(path: Path, data: bytes, options: ReadOptions) -> MeasurementGr
             np.array(ids, dtype=object).reshape(-1, 2),
             table,
             order="wxyz",
-            convention=options.convention,
-            notes=(f"{further} absolute rotations not read",) if further else (),
+            **options.of_graph,
+            notes=quaternion_notes(path, table, lines)
+            + ((f"{further} absolute rotations not read",) if further else ()),
         )
 
 
@@ -110,6 +112,7 @@ IROTAVG = Format(
     recognises=_looks_like_ours,
     read=read_irotavg,
     write=write_irotavg,
+    has_isolated=False,
     convention="vision",
     has_weights=False,
     rotations=RotationReader(_ROTATION, read_irotavg_rotations, suffixes=(".irotavg", ".rcd")),

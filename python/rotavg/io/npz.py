@@ -22,12 +22,13 @@ from numpy.typing import NDArray
 
 from rotavg.base.arrays import as_floats
 from rotavg.base.errors import FormatError, GraphError
-from rotavg.graph.conventions import first_no_rotation
-from rotavg.graph.ids import IdArray, as_ids, unique_ids
+from rotavg.graph.ids import IdArray, as_edges, as_ids, unique_ids
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.nearest import nearest_rotation, orthogonality_errors
 from rotavg.graph.translations import RelativeTranslations
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, distinct
 from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
+from rotavg.io.rounding import MATRIX_TOLERANCE, matrix_notes
 
 _FIGURES = (
     "objective", "gradient_norm", "status", "iterations", "component", "residual_angles",
@@ -58,20 +59,26 @@ def read_npz(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     vectors = arrays.pop("translations", None)
     information = arrays.pop("translation_information", None)
     covariances = arrays.pop("covariances", None)
-    notes = (f"arrays not read: {', '.join(arrays)}",) if arrays else ()
+    notes: tuple[str, ...] = ()
+    if arrays:
+        notes += (f"arrays not read: {', '.join(arrays)}",)
     with blame_line(path):
         translations = None if vectors is None else RelativeTranslations(vectors, information)
+        ids = as_edges(edges)
+        matrices = as_floats(rotations, (len(ids), 3, 3), "rotations")
+        notes += matrix_notes(path, matrices, None)
         if translations is not None and options.convention == "vision":
             raise FormatError("translations are read in the pose family only", path=path)
         return MeasurementGraph(
-            edges,
-            rotations,
+            ids,
+            matrices,
             None if options.unit_weights else weights,
             nodes,
-            convention=options.convention,
+            **options.of_graph,
             covariances=None if options.unit_weights else covariances,
             translations=translations,
             notes=notes,
+            tolerance=MATRIX_TOLERANCE,
         )
 
 
@@ -92,8 +99,8 @@ def read_npz_rotations(path: Path, data: bytes) -> AbsoluteRotations:
     if component is not None and component.shape != nodes.shape:
         found = f"component has shape {component.shape}"
         raise FormatError(f"{found}, expected a label for each node", path=path)
-    rotations = _of_nodes(path, nodes, "rotations", arrays["rotations"])
-    return AbsoluteRotations(nodes, rotations, component)
+    rotations, notes = _of_nodes(path, nodes, "rotations", arrays["rotations"])
+    return AbsoluteRotations(nodes, rotations, component, notes=notes)
 
 
 def _ground_truth(path: Path, arrays: dict[str, Any]) -> AbsoluteRotations:
@@ -112,20 +119,26 @@ def _ground_truth(path: Path, arrays: dict[str, Any]) -> AbsoluteRotations:
     truth = arrays["ground_truth"]
     if truth.shape[:1] == nodes.shape:  # what is not known may be NaN
         truth, nodes = truth[known], nodes[known]
-    return AbsoluteRotations(nodes, _of_nodes(path, nodes, "ground_truth", truth))
+    rotations, notes = _of_nodes(path, nodes, "ground_truth", truth)
+    return AbsoluteRotations(nodes, rotations, notes=notes)
 
 
-def _of_nodes(path: Path, nodes: IdArray, name: str, values: Any) -> NDArray[np.float64]:
-    """The array of this name as a rotation of each node."""
+def _of_nodes(
+    path: Path, nodes: IdArray, name: str, values: Any
+) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """The array of this name as a rotation of each node, and what to tell of it."""
     try:
         rotations = as_floats(values, (len(nodes), 3, 3), name)
     except GraphError as error:
         raise FormatError(f"{error}, one for each node", path=path) from None
-    bad = first_no_rotation(rotations)
-    if bad is not None:
-        found = f"{name} of node {nodes[bad].item()!r} is no rotation"
-        raise FormatError(f"{found}, expected a matrix that is one to 1e-3", path=path)
-    return rotations
+    good = orthogonality_errors(rotations) <= MATRIX_TOLERANCE
+    if not good.all():
+        node = nodes[int(np.argmin(good))].item()
+        found = f"{name} of node {node!r} is no rotation"
+        expected = f"expected a matrix that is one to {MATRIX_TOLERANCE:g}"
+        raise FormatError(f"{found}, {expected}", path=path)
+    notes = matrix_notes(path, rotations, None)
+    return (nearest_rotation(rotations) if notes else rotations), notes
 
 
 def _arrays(path: Path, data: bytes) -> dict[str, Any]:
@@ -196,6 +209,7 @@ NPZ = Format(
     read=read_npz,
     write=write_npz,
     any_convention=True,
+    has_components=True,
     has_translations=True,
     rotations=RotationReader((), read_npz_rotations, _is_archive, (".npz",)),
 )

@@ -2,7 +2,8 @@
 
     EGs.txt   i j  R11 R12 ... R33  t1 t2 t3
     cc.txt    one id per line: the largest component; edges of other nodes are left out
-    list.txt  one image per line, its name first; ids are line numbers from 0
+    list.txt  one image per line, its name, then often 0 and a focal length; ids are line numbers
+              from 0
 
 The published R_ij is R_i R_j^T for R_i = camera_from_world, which is i_from_j: pose family. Nodes
 have the names in list.txt, or their ids where it is missing. There is no place for weights.
@@ -10,6 +11,7 @@ have the names in list.txt, or their ids where it is missing. There is no place 
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +30,10 @@ from rotavg.io.lines import (
     shown,
 )
 from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
+from rotavg.io.rounding import MATRIX_TOLERANCE, matrix_notes
 
+# What Bundler's lists may have after a name, in which there may be blanks.
+_FOCAL = re.compile(rb"\s+0\s+[-+.0-9eE]+$")
 _EXPECTED = "expected i j, 9 numbers of R, 3 of t"
 
 
@@ -50,17 +55,19 @@ def read_onedsfm(path: Path, data: bytes, options: ReadOptions) -> MeasurementGr
         lines.append(line)
     if not lines:
         raise FormatError(f"the file has no edges, {_EXPECTED}", path=path)
-    table = number_table(path, rows, lines, 12)
+    table = number_table(path, rows, lines, 12)[:, :9]
     check_finite(path, table, lines)
     edges = np.array(ids, dtype=object).reshape(-1, 2)
     kept, notes = _component(path, edges)
-    edges, table = edges[kept], table[kept]
-    with blame_line(path, np.array(lines)[kept].tolist()):
+    edges, matrices = edges[kept], table[kept].reshape(-1, 3, 3)
+    lines = np.array(lines)[kept].tolist()
+    with blame_line(path, lines):
         return MeasurementGraph(
             _named(path, edges),
-            table[:, :9].reshape(-1, 3, 3),
-            convention=options.convention,
-            notes=notes,
+            matrices,
+            **options.of_graph,
+            notes=notes + matrix_notes(path, matrices, lines),
+            tolerance=MATRIX_TOLERANCE,
         )
 
 
@@ -120,8 +127,8 @@ def _named(path: Path, edges: IdArray) -> IdArray:
         return edges
     file = path.with_name("list.txt")
     next(content_lines(file, data), None)  # refuses what is binary
-    rows = [line.split() for line in data.removeprefix(BYTE_ORDER_MARK).rstrip().splitlines()]
-    names = [row[0].decode(errors="replace") if row else "" for row in rows]
+    images = data.removeprefix(BYTE_ORDER_MARK).rstrip().splitlines()
+    names = [_FOCAL.sub(b"", image.strip()).decode(errors="replace") for image in images]
     low, high = edges.min(), edges.max()
     if low < 0 or high >= len(names):
         found = f"found the node {low if low < 0 else high}"
@@ -154,6 +161,7 @@ ONEDSFM = Format(
     recognises=_looks_like_edges,
     read=read_onedsfm,
     write=write_onedsfm,
+    has_isolated=False,
     has_solutions=False,
     has_weights=False,
     main_file="EGs.txt",

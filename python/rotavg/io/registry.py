@@ -37,6 +37,12 @@ class SolutionLike(Protocol):
         ...
 
 
+def components_to_tell(solution: SolutionLike) -> list[int]:
+    """The label of each node's component; none where there is one alone, or no label is known."""
+    label: NDArray[Any] | None = getattr(solution, "component", None)
+    return [] if label is None or label.max() == 0 else label.tolist()
+
+
 Writable = Union[MeasurementGraph, SolutionLike]
 Content = Union[bytes, Mapping[Path, bytes]]  # of the file itself, or of several files
 
@@ -48,10 +54,19 @@ class ReadOptions:
     Attributes:
         unit_weights: weigh every edge 1 and ignore what the file says about weights.
         convention: the family that the file's rotations are in.
+        skip_self_edges: leave out edges from a node to itself, instead of refusing them.
+        columns: what the columns are; None where the file tells, or its format.
     """
 
     unit_weights: bool
     convention: Convention
+    skip_self_edges: bool = False
+    columns: tuple[str, ...] | None = None
+
+    @property
+    def of_graph(self) -> dict[str, Any]:
+        """What of it every reader hands on to the graph."""
+        return {"convention": self.convention, "skip_self_edges": self.skip_self_edges}
 
 
 @dataclass(frozen=True)
@@ -63,12 +78,15 @@ class Format:
         suffixes: how its files are named, lower case: an ending with a dot, or a pattern of the
             whole name; the first is the usual one.
         recognises: whether the beginning of a file (up to 64 KiB) is in this format.
+        claims: whether one that is named as such files are can be in no other.
         read: (path, whole content, options) -> graph; raises FormatError. None: it is not read.
         write: (path, graph or solution) -> content; raises FormatError. None: it is not written.
         convention: the family of its rotations.
         any_convention: whether users may say that a file is in the other family.
         has_graphs, has_solutions: what can be written.
         has_weights: whether a graph's weights can be written.
+        has_isolated: whether a graph's nodes without an edge can be written.
+        has_components: whether a solution's file tells which node is in which component.
         has_translations: whether a graph's translations can be written.
         puts_back: whether a solution goes back into the file that its graph came from.
         magic: a beginning that tells that the reader opens the file itself.
@@ -82,10 +100,13 @@ class Format:
     read: Callable[[Path, bytes, ReadOptions], MeasurementGraph] | None
     write: Callable[[Path, Writable], Content] | None
     convention: Convention = "pose"
+    claims: Callable[[bytes], bool] = lambda head: False
     any_convention: bool = False
     has_graphs: bool = True
     has_solutions: bool = True
     has_weights: bool = True
+    has_isolated: bool = True
+    has_components: bool = False
     has_translations: bool = False
     puts_back: bool = False
     magic: bytes = b""
@@ -157,8 +178,12 @@ def by_suffix(formats: Sequence[Format], path: Path) -> Format:
 
 def of_content(formats: Sequence[Format], path: Path, data: bytes) -> Format:
     """The format that the content tells, or failing that the name."""
+    head = data[:HEAD_SIZE]
     for form in formats:
-        if form.recognises(data[:HEAD_SIZE]):
+        if form.is_name(path) and form.claims(head):
+            return form
+    for form in formats:
+        if form.recognises(head):
             return form
     try:
         return by_suffix(formats, path)

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.base.errors import FormatError
+from rotavg.base.errors import FormatError, IncompleteWarning
 from rotavg.graph.conventions import Convention, convert_family
 from rotavg.graph.ids import IdArray
 from rotavg.io import registry
 from rotavg.io.absolute import AbsoluteRotations
-from rotavg.io.formats import FORMATS
+from rotavg.io.csv_text import read_csv_rotations
+from rotavg.io.formats import FORMATS, TABLES, table_format, words_of
 from rotavg.io.lines import content_lines
 from rotavg.io.registry import HEAD_SIZE, Format
 
@@ -27,6 +30,7 @@ def read_rotations(
     format: str | None = None,
     convention: Convention | None = None,
     image_ids: bool = False,
+    columns: str | Sequence[str] | None = None,
 ) -> tuple[IdArray, NDArray[np.float64]]:
     """Read absolute rotations.
 
@@ -37,16 +41,25 @@ def read_rotations(
         convention: the family of the rotations, "pose" or "vision", where the format leaves that
             open: text, csv and npz, "pose" by default.
         image_ids: of COLMAP's images.txt take IMAGE_ID for ids, not NAME.
+        columns: what the columns of a text or CSV file are that has no header to say so, such as
+            "id,qw,qx,qy,qz", as in `rotavg.read`.
 
     Returns:
         The ids (n,) and the rotations (n, 3, 3) world_from_node.
+
+    Warns:
+        IncompleteWarning: quaternions were not of length 1, or matrices a little off.
 
     Raises:
         FileAccessError: the file cannot be read.
         FormatError: it holds no rotations, or may be in several formats; the message names the
             line and the reason.
     """
-    found = read_absolute(path, format=format, convention=convention, image_ids=image_ids)
+    found = read_absolute(
+        path, format=format, convention=convention, image_ids=image_ids, columns=columns
+    )
+    for note in found.notes:
+        warnings.warn(f"{path}: {note}", IncompleteWarning, stacklevel=2)
     return found.nodes, found.rotations
 
 
@@ -56,14 +69,24 @@ def read_absolute(
     format: str | None = None,
     convention: Convention | None = None,
     image_ids: bool = False,
+    columns: str | Sequence[str] | None = None,
 ) -> AbsoluteRotations:
     """Rotations world_from_node with all that the file says of their nodes; see above."""
     path = Path(path)
     data = registry.read_bytes(FORMATS, path, "absolute rotations")
-    form = _told(path, data) if format is None else registry.named(FORMATS_OF_ROTATIONS, format)
+    if columns is not None and format is None:
+        form = table_format(path, data)
+    else:
+        form = _told(path, data) if format is None else registry.named(FORMATS_OF_ROTATIONS, format)
     assert form.rotations is not None
     family = form.family(path, convention)
-    found = form.rotations.read(path, data)
+    if columns is None:
+        found = form.rotations.read(path, data)
+    elif form in TABLES:
+        found = read_csv_rotations(path, data, words_of(columns))
+    else:
+        message = f"columns are given, and {form.name} has its own: expected them for text or csv"
+        raise FormatError(message, path=path)
     nodes = found.image_ids if image_ids else found.nodes
     if nodes is None:
         raise FormatError(f"{form.name} has no image ids, colmap_images alone has", path=path)

@@ -3,111 +3,85 @@
     i j qx qy qz qw [weight]
 
 The fields are separated by white space or commas, # begins a comment, and the first line may be
-a header of just these words. R_ij = i_from_j, so that R_i R_ij = R_j with R_i = world_from_i.
+a header of these words. R_ij = i_from_j, so that R_i R_ij = R_j with R_i = world_from_i.
 Node ids are integers if all of them are, names otherwise ("007" is a name);
 names that all look like integers therefore come back as integers. Names with blanks, commas or #
 need quotes and therefore a CSV file, see `csv_text`.
-A solution is written as `id qx qy qz qw`, world_from_id.
+A solution is written as `id qx qy qz qw`, world_from_id, and of several components with the number
+of the node's at the end of the line. Other columns and rotations: see `columns`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from rotavg.base.errors import FormatError
-from rotavg.graph.conventions import quaternions_from_matrices
+from rotavg.graph.conventions import first_bad_quaternion, quaternions_from_matrices
+from rotavg.graph.ids import as_edges, edge_error
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.io.absolute import (
-    QUATERNION,
-    AbsoluteRotations,
-    RotationReader,
-    is_header,
-    read_fields,
+from rotavg.graph.nearest import nearest_rotation
+from rotavg.io.absolute import QUATERNION, AbsoluteRotations, RotationReader, distinct, labels_of
+from rotavg.io.lines import content_lines, exactly, ids_of, is_number, plain_name
+from rotavg.io.registry import (
+    Format,
+    ReadOptions,
+    Writable,
+    blame_line,
+    components_to_tell,
 )
-from rotavg.io.lines import (
-    BYTE_ORDER_MARK,
-    check_finite,
-    content_lines,
-    exactly,
-    ids_of,
-    is_number,
-    number_table,
-    plain_name,
-    shown,
-)
-from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
+from rotavg.io.rounding import MATRIX_TOLERANCE
+from rotavg.io.table import Rows, is_header, read_table, split, text_rows, title_words
 
 HEADER = ("i", "j", *QUATERNION, "weight")
 SOLUTION_HEADER = ("id", *QUATERNION)
-EXPECTED = "i j qx qy qz qw [weight]"
+COMPONENT = "component"
 _CONVENTION = "pose family: R_i R_ij = R_j, R_i = world_from_i, R_ij = i_from_j; quaternions xyzw"
 
 
 def read_text(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     """Read edges from lines of text; every line has a weight or none has."""
-    rows = ((line, text.split()) for line, text in content_lines(path, data.replace(b",", b" ")))
-    return read_rows(path, rows, options)
+    return read_edges(path, data, text_rows(content_lines(path, data)), options)
 
 
-def read_rows(
-    path: Path, rows: Iterable[tuple[int, list[bytes]]], options: ReadOptions
-) -> MeasurementGraph:
-    """Read edges from (line number, fields) of every line that is neither blank nor a comment."""
-    ids: list[bytes] = []
-    numbers: list[bytes] = []
-    lines: list[int] = []
-    columns = 0
-    for line, fields in rows:
-        if not columns:
-            columns = _columns(path, line, fields)
-            if is_edge_header(fields):
-                continue
-        if len(fields) < 3:
-            found = f"found {len(fields)} fields, expected {columns + 2}"
-            raise FormatError(f"{found}: {EXPECTED}", path=path, line=line)
-        ids += fields[:2]
-        numbers.append(b" ".join(fields[2:]))
-        lines.append(line)
-    if not lines:
-        raise FormatError(f"the file has no edges, expected {EXPECTED}", path=path)
-
-    table = number_table(path, numbers, lines, columns)
-    check_finite(path, table, lines)
-    weights = table[:, 4] if columns == 5 and not options.unit_weights else None
-    with blame_line(path, lines):
-        return MeasurementGraph.from_quaternions(
-            ids_of(path, ids).reshape(-1, 2),
-            table[:, :4],
-            weights,
-            convention=options.convention,
+def read_edges(path: Path, data: bytes, rows: Rows, options: ReadOptions) -> MeasurementGraph:
+    """Read edges from the rows of a table."""
+    table = read_table(
+        path,
+        rows,
+        (HEADER[:6], HEADER),
+        num_ids=2,
+        title=title_words(data),
+        columns=options.columns,
+    )
+    with blame_line(path, table.lines):
+        ids = as_edges(ids_of(path, table.ids).reshape(-1, 2))
+        if table.layout.kind == "quaternion" and (bad := first_bad_quaternion(table.numbers)):
+            raise edge_error(ids, *bad)
+        matrices, notes = table.matrices(path)
+        if table.layout.unread:
+            notes += (f"columns not read: {', '.join(table.layout.unread)}",)
+        return MeasurementGraph(
+            ids,
+            matrices,
+            None if options.unit_weights else table.weights,
+            **options.of_graph,
+            notes=notes,
+            tolerance=MATRIX_TOLERANCE,
         )
 
 
-def is_edge_header(fields: list[bytes]) -> bool:
-    """Whether these are the words that name our columns."""
-    return len(fields) in (6, 7) and is_header(fields, HEADER[: len(fields)])
+def write_rows(
+    path: Path, item: Writable, separator: str, name: Callable[[str], str]
+) -> tuple[str, list[str]]:
+    """What it is, then header and one line per edge or, of a solution, per node.
 
-
-def _columns(path: Path, line: int, fields: list[bytes]) -> int:
-    """How many numbers follow the ids, going by the first line; FormatError if it is not ours."""
-    if len(fields) == len(SOLUTION_HEADER):
-        found = "found 5 fields: this looks like a solution (id qx qy qz qw)"
-        raise FormatError(f"{found}, expected edges: {EXPECTED}", path=path, line=line)
-    if len(fields) not in (6, 7):
-        found = f"found {len(fields)} fields, expected 6 or 7"
-        raise FormatError(f"{found}: {EXPECTED}", path=path, line=line)
-    if not is_edge_header(fields) and not any(map(is_number, fields[2:])):
-        found = " ".join(map(shown, fields))
-        raise FormatError(f"found the header {found}, expected {EXPECTED}", path=path, line=line)
-    return len(fields) - 2
-
-
-def write_rows(path: Path, item: Writable, separator: str, name: Callable[[str], str]) -> list[str]:
-    """Title, header and one line per edge or, of a solution, per node; `name` spells a name."""
+    `name` spells a name. Where a solution has several components, each node's stands in the end.
+    """
     header: tuple[str, ...]
+    component: list[int] = []
     if isinstance(item, MeasurementGraph):
         title, header = "measurement graph", HEADER
         quaternions = quaternions_from_matrices(item.rotations)
@@ -117,46 +91,71 @@ def write_rows(path: Path, item: Writable, separator: str, name: Callable[[str],
         title, header = "rotations", SOLUTION_HEADER
         columns = np.asarray(item.quaternions, dtype=np.float64)
         ids, nodes = item.graph.nodes[:, None], item.graph.nodes
+        component = components_to_tell(item)
+        if component:
+            header += (COMPONENT,)
     spell = {node: name(str(node)) for node in nodes.tolist()}
-    lines = [f"# rotavg {title}, {_CONVENTION}", separator.join(header)]
-    for row, numbers in zip(ids.tolist(), columns):
-        lines.append(separator.join([*(spell[node] for node in row), *exactly(numbers)]))
-    return lines
+    lines = [separator.join(header)]
+    for k, (row, numbers) in enumerate(zip(ids.tolist(), columns)):
+        label = [str(component[k])] if component else []
+        lines.append(separator.join([*(spell[node] for node in row), *exactly(numbers), *label]))
+    return f"rotavg {title}, {_CONVENTION}", lines
 
 
 def write_text(path: Path, item: Writable) -> bytes:
     """The content of a text file of a graph or a solution."""
-    title, header, *rows = write_rows(path, item, " ", lambda name: plain_name(path, name))
-    return "\n".join([title, f"# {header}", *rows, ""]).encode()
+    title, (header, *rows) = write_rows(path, item, " ", lambda name: plain_name(path, name))
+    return "\n".join([f"# {title}", f"# {header}", *rows, ""]).encode()
 
 
-def read_text_rotations(path: Path, data: bytes) -> AbsoluteRotations:
+def read_text_rotations(
+    path: Path, data: bytes, columns: Sequence[str] | None = None
+) -> AbsoluteRotations:
     """Read a solution."""
-    rows = ((line, text.split()) for line, text in content_lines(path, data.replace(b",", b" ")))
-    return read_fields(path, rows, SOLUTION_HEADER, node="id")
+    return read_nodes(path, data, text_rows(content_lines(path, data)), columns)
 
 
-def is_edge(fields: list[bytes]) -> bool:
-    """Whether these are the fields of an edge, or our header."""
-    return is_edge_header(fields) or (len(fields) in (6, 7) and all(map(is_number, fields[2:])))
+def read_nodes(
+    path: Path, data: bytes, rows: Rows, columns: Sequence[str] | None
+) -> AbsoluteRotations:
+    """Read absolute rotations from the rows of a table."""
+    title = title_words(data)
+    table = read_table(path, rows, (SOLUTION_HEADER,), num_ids=1, title=title, columns=columns)
+    bad = first_bad_quaternion(table.numbers) if table.layout.kind == "quaternion" else None
+    if bad is not None:
+        raise FormatError(bad[1], path=path, line=table.lines[bad[0]])
+    matrices, notes = table.matrices(path)
+    return AbsoluteRotations(
+        distinct(path, ids_of(path, table.ids), table.lines),
+        matrices if table.layout.kind == "quaternion" else nearest_rotation(matrices),
+        component=None if table.components is None else labels_of(table.components),
+        notes=notes,
+    )
+
+
+def is_edge(row: bytes | list[bytes]) -> bool:
+    """Whether this row is an edge, or a header of edges."""
+    fields = split(row, (6, 7), named=False)
+    return (len(fields) in (6, 7) and all(map(is_number, fields[2:]))) or is_header(row, 2)
 
 
 def _looks_like_edges(head: bytes) -> bool:
-    """Whether the first line with something in it is an edge or our header."""
+    """Whether the first line with something in it is an edge or a header of edges."""
     if b"\0" in head:
         return False
-    for _, text in content_lines(Path(), head.replace(b",", b" ")):
-        return is_edge(text.split())
+    for _, text in text_rows(content_lines(Path(), head)):
+        return is_edge(text)
     return False
 
 
 def _has_solution_header(head: bytes) -> bool:
-    """Whether our words for a solution's columns stand above the first line, or in it."""
-    for text in head.removeprefix(BYTE_ORDER_MARK).replace(b",", b" ").splitlines():
-        if is_header(text.lstrip(b"# \t").split(), SOLUTION_HEADER):
-            return True
-        if text.strip() and not text.lstrip().startswith(b"#"):
-            return False
+    """Whether our words for a solution's columns stand above the first line, or names in it."""
+    if b"\0" in head:
+        return False
+    if [word.lower() for word in title_words(head)[: len(SOLUTION_HEADER)]] == [*SOLUTION_HEADER]:
+        return True
+    for _, text in text_rows(content_lines(Path(), head)):
+        return is_header(text, 1)
     return False
 
 
@@ -166,6 +165,8 @@ TEXT = Format(
     recognises=_looks_like_edges,
     read=read_text,
     write=write_text,
+    has_isolated=False,
     any_convention=True,
+    has_components=True,
     rotations=RotationReader(SOLUTION_HEADER, read_text_rotations, recognises=_has_solution_header),
 )

@@ -10,14 +10,15 @@ rotations are read, with the time stamps as they are spelt for ids.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from rotavg.base.errors import FormatError
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.io.absolute import AbsoluteRotations, RotationReader, read_fields
-from rotavg.io.lines import content_lines, exactly, is_number
+from rotavg.io.absolute import AbsoluteRotations, RotationReader, is_header, read_fields
+from rotavg.io.lines import content_lines, exactly, is_number, shown
 from rotavg.io.registry import Format, Writable
 from rotavg.solving.positions import positions
 
@@ -28,8 +29,20 @@ _LENGTH_TOLERANCE = 1e-2  # of quaternions that somebody rounded
 
 def read_tum_rotations(path: Path, data: bytes) -> AbsoluteRotations:
     """Read the rotations of a trajectory."""
-    rows = ((line, text.split()) for line, text in content_lines(path, data))
-    return read_fields(path, rows, _COLUMNS, node="timestamp")
+    return read_fields(path, _rows(path, data), _COLUMNS, node="timestamp")
+
+
+def _rows(path: Path, data: bytes) -> Iterator[tuple[int, list[bytes]]]:
+    """(line number, fields) of every pose; FormatError for a time stamp that is no number."""
+    first = True
+    for line, text in content_lines(path, data):
+        fields = text.split()
+        if not is_number(fields[0]) and not (first and is_header(fields, _COLUMNS)):
+            found = f"found {shown(fields[0])}, expected a time stamp, which is a number"
+            hint = f"(tum is {' '.join(_COLUMNS)})"
+            raise FormatError(f"{found} {hint}", path=path, line=line)
+        first = False
+        yield line, fields
 
 
 def write_tum(path: Path, item: Writable) -> bytes:

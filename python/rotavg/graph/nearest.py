@@ -1,0 +1,84 @@
+"""Matrices that are a little off a rotation: how far, and the rotation nearest to each."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotavg import _core
+from rotavg.base.arrays import as_floats
+from rotavg.base.errors import GraphError
+from rotavg.graph.ids import IdArray, edge_error
+
+TOLERANCE = 1e-3  # of the core: beyond it a matrix is no rotation unless more is asked for
+
+
+def orthogonality_errors(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m,) largest entry of |M^T M - I| of matrices (m, 3, 3); infinite for NaN and det < 0."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        gram = np.swapaxes(matrices, 1, 2) @ matrices
+        error = np.abs(gram - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    error[~np.isfinite(error)] = np.inf
+    turned = np.isfinite(error)
+    error[turned] = np.where(np.linalg.det(matrices[turned]) < 0, np.inf, error[turned])
+    return np.asarray(error)
+
+
+def nearest_rotation(matrices: ArrayLike, *, tolerance: float = 0.1) -> NDArray[np.float64]:
+    """Nearest rotations (..., 3, 3), in the Frobenius norm, to matrices that are a little off.
+
+    Say, of matrices that were printed with three decimals. U diag(1, 1, det(U V^T)) V^T of the
+    singular value decomposition (Arun, Huang and Blostein 1987; Umeyama 1991).
+
+    Args:
+        matrices: (..., 3, 3).
+        tolerance: the largest entry of |M^T M - I| that is taken for a rotation's.
+
+    Raises:
+        GraphError: a matrix is further off, a reflection, or not finite; the message names the
+            first such.
+    """
+    shape = np.shape(matrices)
+    if len(shape) < 2 or shape[-2:] != (3, 3):
+        raise GraphError(f"matrices have shape {shape}, expected (..., 3, 3)")
+    given = as_floats(matrices, shape, "matrices").reshape(-1, 3, 3)
+    errors = orthogonality_errors(given)
+    good = errors <= tolerance
+    if not good.all():
+        row = int(np.argmin(good))
+        raise GraphError(f"matrix {row} {why_no_rotation(given[row], errors[row], tolerance)}")
+    return np.asarray(_core.nearest_rotation(given)).reshape(shape)
+
+
+def why_no_rotation(matrix: NDArray[np.float64], error: float, tolerance: float) -> str:
+    """What is wrong with a matrix (3, 3) of this orthogonality error, after "the matrix"."""
+    if not np.isfinite(matrix).all():
+        return "holds a NaN or an infinity"
+    if np.isinf(error):
+        found = float(np.linalg.det(matrix))
+        return f"is not a rotation: its determinant is {found:.6g} (a reflection); expected +1"
+    return (
+        f"is not a rotation: R^T R differs from the identity by {error:.6g}; "
+        f"expected at most {tolerance:g}"
+    )
+
+
+def projected(
+    edges: IdArray,
+    rotations: NDArray[np.float64],
+    number: NDArray[np.int64],
+    tolerance: float,
+) -> NDArray[np.float64]:
+    """The rotations nearest to matrices that the core would find too far off."""
+    errors = orthogonality_errors(rotations)
+    bad = ~(errors <= tolerance)
+    if bad.any():
+        k = int(np.argmax(bad))
+        reason = f"the matrix {why_no_rotation(rotations[k], errors[k], tolerance)}"
+        raise edge_error(edges, int(number[k]), reason)
+    off = errors > TOLERANCE
+    if not off.any():
+        return rotations
+    result = rotations.copy()
+    result[off] = _core.nearest_rotation(rotations[off])
+    return result

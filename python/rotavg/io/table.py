@@ -1,0 +1,272 @@
+"""Tables of rotations in text: which column is what, the numbers of all rows, and their lines.
+
+Between the fields of a row stand semicolons, commas or blanks. Where a line has semicolons, a comma
+in a number is a decimal point. The columns are as the caller says, as a header says (a first line
+of names, or the comment just above the first row), or else as the format has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg.base.errors import FormatError
+from rotavg.graph.conventions import matrices_from_quaternions, matrices_from_rotvecs
+from rotavg.io.columns import EXPECTED, Layout, layout_of
+from rotavg.io.lines import BYTE_ORDER_MARK, check_finite, is_number, number_table, shown
+from rotavg.io.rounding import matrix_notes, quaternion_notes
+
+Rows = Iterable[tuple[int, Union[bytes, list[bytes]]]]  # line number, the row or its fields
+
+_TURN = 2 * np.pi + 0.01
+
+
+@dataclass(frozen=True)
+class Table:
+    """The rows of a table.
+
+    Attributes:
+        layout: which column is what.
+        ids: (m k) node ids, k for each row.
+        numbers: (m, ...) of the rotations; finite.
+        weights: (m,); None without such a column.
+        components: (m,) labels; None without such a column.
+        lines: (m,) the line of each row.
+    """
+
+    layout: Layout
+    ids: list[bytes]
+    numbers: NDArray[np.float64]
+    weights: NDArray[np.float64] | None
+    components: list[bytes] | None
+    lines: list[int]
+
+    def matrices(self, path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+        """The rotations (m, 3, 3), and what to tell of them.
+
+        Matrices are as they stand in the file, at most `rounding.MATRIX_TOLERANCE` off.
+        Raises FormatError for what is no rotation, but GraphError for a quaternion of zeros.
+        """
+        if self.layout.kind == "quaternion":
+            notes = quaternion_notes(path, self.numbers, self.lines)
+            return matrices_from_quaternions(self.numbers), notes
+        if self.layout.kind == "matrix":
+            matrices = self.numbers.reshape(-1, 3, 3)
+            return matrices, matrix_notes(path, matrices, self.lines)
+        length = np.linalg.norm(self.numbers, axis=1)
+        if (length > _TURN).any():
+            row = int(np.argmax(length > _TURN))
+            found = f"found a rotation vector of length {length[row]:.6g}"
+            expected = "expected radians, at most 2 pi"
+            raise FormatError(f"{found}, {expected}", path=path, line=self.lines[row])
+        return matrices_from_rotvecs(self.numbers), ()
+
+
+def read_table(
+    path: Path,
+    rows: Rows,
+    usual: Sequence[tuple[str, ...]],
+    *,
+    num_ids: int,
+    title: Sequence[str] = (),
+    columns: Sequence[str] | None = None,
+) -> Table:
+    """Read the table.
+
+    Args:
+        path: the file, for errors.
+        rows: all lines that are neither blank nor a comment.
+        usual: the columns that the format has, each with another number of them.
+        num_ids: how many node ids a row has.
+        title: the words in the comment just above the first row.
+        columns: what the columns are, whatever the file says.
+
+    Raises FormatError, which names the line.
+    """
+    expected = " ".join(usual[0]) + "".join(f" [{word}]" for word in usual[-1][len(usual[0]) :])
+    layout: Layout | None = None
+    fields: list[list[bytes]] = []
+    lines: list[int] = []
+    told = columns is not None
+    if columns is not None:
+        layout = layout_of(columns, num_ids)
+        if layout is None:
+            found = f"columns are {' '.join(columns)}"
+            raise FormatError(f"{found}, expected {EXPECTED}, each once", path=path)
+    first = True
+    for line, row in rows:
+        if first:
+            first = False
+            here = _header(row, num_ids)
+            if here is not None:
+                layout, told = layout or here, True
+                continue
+            if layout is None:
+                layout, told = _by_title(row, title, num_ids)
+            layout = layout or _usual(path, line, row, usual, num_ids, expected)
+        assert layout is not None
+        found_here = split(row, {len(layout.words)}, named=told)
+        _check_count(path, line, found_here, layout, num_ids, told, expected)
+        fields.append(found_here)
+        lines.append(line)
+    if not lines:
+        what = "edges" if num_ids == 2 else "rotations"
+        raise FormatError(f"the file has no {what}, expected {expected}", path=path)
+    assert layout is not None
+    return _table(path, fields, lines, layout)
+
+
+def split(row: bytes | list[bytes], counts: Collection[int], *, named: bool) -> list[bytes]:
+    """The fields of a row, of which there should be so many; empty ones only of `named` columns."""
+    if isinstance(row, list):  # a name in quotes may begin with a blank
+        fields = list(row)
+    elif b";" in row:
+        fields = [field.strip() for field in row.split(b";")]
+    elif b"," in row:
+        fields = [field.strip() for field in row.split(b",")]
+    else:
+        return row.split()
+    while fields and len(fields) > max(counts) and not fields[-1].strip():
+        fields.pop()
+    if isinstance(row, list) or b";" in row:
+        return fields
+    if len(fields) in counts and (named or all(fields)):
+        return fields
+    return row.replace(b",", b" ").split()
+
+
+def title_words(data: bytes) -> list[str]:
+    """The words of the comment just above the first line that is none; none where there is none."""
+    words: list[str] = []
+    for text in data.removeprefix(BYTE_ORDER_MARK).splitlines():
+        text = text.strip()
+        if text.startswith(b"#"):
+            comment = text.lstrip(b"# \t").decode(errors="replace")
+            words = comment.replace(",", " ").replace(";", " ").split()
+        elif text:
+            return words
+    return words
+
+
+def header_words(row: bytes | list[bytes]) -> list[list[str]]:
+    """What the words of a header may be: none of its fields is a number."""
+    ways = [split(row, {1}, named=True)]
+    if isinstance(row, bytes):
+        separator = b";" if b";" in row else b","
+        ways = [[f.strip() for f in row.split(separator)], row.replace(b",", b" ").split()]
+    for fields in ways:
+        while fields and not fields[-1]:  # the lines end in a separator
+            fields.pop()
+    ways = [fields for fields in ways if not any(map(is_number, fields))]
+    return [[f.decode(errors="replace").strip("\"' ") for f in fields] for fields in ways]
+
+
+def is_header(row: bytes | list[bytes], num_ids: int) -> bool:
+    """Whether this row names the columns of a table."""
+    return _header(row, num_ids) is not None
+
+
+def _header(row: bytes | list[bytes], num_ids: int) -> Layout | None:
+    for words in header_words(row):
+        layout = layout_of(words, num_ids)
+        if layout is not None:
+            return layout
+    return None
+
+
+def _by_title(
+    row: bytes | list[bytes], title: Sequence[str], num_ids: int
+) -> tuple[Layout | None, bool]:
+    layout = layout_of(title, num_ids)
+    if layout is None or len(split(row, {len(title)}, named=True)) != len(title):
+        return None, False
+    return layout, True
+
+
+def _usual(
+    path: Path,
+    line: int,
+    row: bytes | list[bytes],
+    usual: Sequence[tuple[str, ...]],
+    num_ids: int,
+    expected: str,
+) -> Layout:
+    """The format's own layout of as many columns as the first row has; FormatError without one."""
+    counts = [len(words) for words in usual]
+    fields = split(row, counts, named=False)
+    if len(fields) > 2 and not any(map(is_number, fields)):
+        found = f"found the header {' '.join(map(shown, fields))}"
+        if num_ids == 2 and is_header(row, 1):
+            found = f"{found}: this looks like a solution (id and a rotation)"
+            raise FormatError(f"{found}, expected edges: {expected}", path=path, line=line)
+        hint = f"in a header {EXPECTED}; or say what the columns are (--columns)"
+        raise FormatError(f"{found}, expected {expected}; {hint}", path=path, line=line)
+    for words in usual:
+        if len(words) == len(fields):
+            layout = layout_of(words, num_ids)
+            assert layout is not None
+            return layout
+    what = f"{' or '.join(map(str, counts))}: {expected}" if num_ids == 2 else expected
+    found = f"found {len(fields)} field{'s' * (len(fields) != 1)}"
+    if num_ids == 2 and len(fields) == 5:
+        found, what = f"{found}: this looks like a solution (id qx qy qz qw)", f"edges: {expected}"
+    elif num_ids == 2 and len(fields) > 2:
+        what += "; or a header, or --columns, that says what the columns are"
+    raise FormatError(f"{found}, expected {what}", path=path, line=line)
+
+
+def _check_count(
+    path: Path,
+    line: int,
+    fields: list[bytes],
+    layout: Layout,
+    num_ids: int,
+    told: bool,
+    expected: str,
+) -> None:
+    count = len(layout.words)
+    if len(fields) == count:
+        return
+    found = f"found {len(fields)} field{'s' * (len(fields) != 1)}"
+    if told:
+        message = f"{found}, expected {' '.join(layout.words)}"
+    elif num_ids == 1:
+        message = f"{found}, expected {expected}"
+    elif len(fields) < 3:
+        message = f"{found}, expected {count}: {expected}"
+    else:
+        message = f"found {len(fields) - 2} numbers after the ids, expected {count - 2}"
+    raise FormatError(message, path=path, line=line)
+
+
+def _table(path: Path, fields: list[list[bytes]], lines: list[int], layout: Layout) -> Table:
+    places = layout.numbers
+    for row, line in zip(fields, lines):
+        if not all(row[place].strip() for place in places):
+            empty = next(layout.words[place] for place in places if not row[place].strip())
+            raise FormatError(f"{empty} is empty, expected a number", path=path, line=line)
+    numbers = [b" ".join([row[place] for place in places]).replace(b",", b".") for row in fields]
+    table = number_table(path, numbers, lines, len(places))
+    check_finite(path, table, lines)
+    size = len(layout.rotation)
+    label = layout.component
+    return Table(
+        layout=layout,
+        ids=[row[place] for row in fields for place in layout.ids],
+        numbers=table[:, :size],
+        weights=table[:, size] if layout.weight is not None else None,
+        components=None if label is None else [row[label] for row in fields],
+        lines=lines,
+    )
+
+
+def text_rows(lines: Iterable[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
+    """The lines with more than separators in them."""
+    for line, text in lines:
+        if text.strip(b",; \t\r\f\v"):
+            yield line, text
