@@ -67,7 +67,8 @@ inline std::optional<Rotations> quaternion_init(const MeasurementGraph& graph,
     for (Index a = 0; a < elimination.size(); ++a) {
       const Vector4 x_a = x.middleRows<4>(4 * a);
       // Far from the root, noise can let x vanish to the last digit: there the value above stays.
-      if (x_a.stableNorm() > 0.0) q[elimination.node(a)].coeffs() = x_a.stableNormalized();
+      const double largest = x_a.cwiseAbs().maxCoeff();  // whose square may vanish
+      if (largest > 0.0) q[elimination.node(a)].coeffs() = (x_a / largest).normalized();
     }
   }
   return to_rotations(q);

@@ -5,7 +5,6 @@
 #include <utility>
 #include <vector>
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 
 #include <rotavg/graph/components.hpp>
@@ -115,9 +114,17 @@ class LiftedProblem {
   LiftedBlocks retract(const LiftedBlocks& Z, const LiftedBlocks& V) const {
     LiftedBlocks M = Z + V;
     for (Index a = 0; a < num_nodes(); ++a) {
-      auto M_a = M.middleRows<3>(3 * a);
+      const auto M_a = M.middleRows<3>(3 * a);
       const Matrix3 gram = M_a.lazyProduct(M_a.transpose());
-      gram.llt().matrixL().solveInPlace(M_a);
+      const double l00 = std::sqrt(gram(0, 0)), l10 = gram(1, 0) / l00, l20 = gram(2, 0) / l00;
+      const double l11 = std::sqrt(gram(1, 1) - l10 * l10), l21 = (gram(2, 1) - l20 * l10) / l11;
+      const double l22 = std::sqrt(gram(2, 2) - (l20 * l20 + l21 * l21));
+      for (Eigen::Index c = 0; c < M.cols(); ++c) {
+        double* const x = M.col(c).data() + 3 * a;
+        x[0] /= l00;
+        x[1] = (x[1] - l10 * x[0]) / l11;
+        x[2] = (x[2] - l20 * x[0] - l21 * x[1]) / l22;
+      }
     }
     return M;
   }
