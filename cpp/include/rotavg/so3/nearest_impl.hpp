@@ -49,7 +49,9 @@ ROTAVG_INLINE Matrix3 nearest_rotation(const Matrix3& M) {
     const double kappa = 0.5 * (lambda * lambda - norm2);
     const double zeta = kappa * lambda - det;
     if (converged && zeta > min_zeta * lambda * lambda * lambda) {
-      const Matrix3 X = ((kappa + norm2) * B + lambda * C - B * (B.transpose() * B)) / zeta;
+      const Matrix3 gram = B.transpose() * B;
+      Matrix3 X = B * gram;
+      for (int k = 0; k < 9; ++k) X(k) = ((kappa + norm2) * B(k) + lambda * C(k) - X(k)) / zeta;
       return Eigen::Quaterniond(X).normalized().matrix();
     }
   }

@@ -30,6 +30,12 @@ namespace rotavg {
 
 namespace detail {
 
+/// r_ij = log(R_ij^T R_i^T R_j).
+inline Vector3 anisotropic_residual(const Edge& e, const Rotations& R) {
+  const Matrix3 predicted = R[e.i] * e.i_from_j;
+  return log_so3(predicted.transpose() * R[e.j]);
+}
+
 /// F and what Gauss and Newton need of it at some rotations.
 class AnisotropicLinearization {
  public:
@@ -42,11 +48,15 @@ class AnisotropicLinearization {
     gradient_.setZero();
     for (std::size_t k = 0; k < hessian_.size(); ++k) {
       const Edge& e = graph.edges()[k];
-      const Vector3 r = log_so3((R[e.i] * e.i_from_j).transpose() * R[e.j]);
+      const Vector3 r = anisotropic_residual(e, R);
       const Matrix3 A = inverse_right_jacobian(r) * R[e.j].transpose();
-      const Vector3 g = 2.0 * (A.transpose() * (information[k] * r));
-      objective_ += r.dot(information[k] * r);
-      hessian_[k] = 2.0 * A.transpose() * information[k] * A;
+      const Matrix3 A_t = A.transpose();
+      const Vector3 pull = information[k] * r;
+      const Vector3 g = 2.0 * (A_t * pull);
+      objective_ += r.dot(pull);
+      const Matrix3 information_A = information[k] * A;
+      hessian_[k] = A_t * information_A;
+      hessian_[k] *= 2.0;
       gradient_.row(e.i) -= g.transpose();
       gradient_.row(e.j) += g.transpose();
       stiffness_[e.i] += information[k].trace() / 3.0;
@@ -90,9 +100,9 @@ inline double anisotropic_objective(const MeasurementGraph& graph,
                                     const std::vector<Matrix3>& information, const Rotations& R) {
   double sum = 0.0;
   for (std::size_t k = 0; k < information.size(); ++k) {
-    const Edge& e = graph.edges()[k];
-    const Vector3 r = log_so3((R[e.i] * e.i_from_j).transpose() * R[e.j]);
-    sum += r.dot(information[k] * r);
+    const Vector3 r = anisotropic_residual(graph.edges()[k], R);
+    const Vector3 pull = information[k] * r;
+    sum += r.dot(pull);
   }
   return sum;
 }
