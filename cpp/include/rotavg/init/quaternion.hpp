@@ -42,7 +42,7 @@ inline std::optional<Rotations> quaternion_init(const MeasurementGraph& graph,
     const double scale = e.i_from_j.norm();
     const bool opposite = product(q[e.i], e.i_from_j).dot(q[e.j].coeffs()) < 0.0;
     for (int c = 0; c < 4; ++c) {
-      M[k].col(c) = product(Quaternion(Vector4(Vector4::Unit(c))), e.i_from_j);
+      M[k].col(c) = product(Quaternion(c == 3, c == 0, c == 1, c == 2), e.i_from_j);
     }
     M[k] *= opposite ? -scale : scale;
   }

@@ -9,10 +9,10 @@
 
 #include <Eigen/Core>
 
+#include <rotavg/linalg/add_product.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/linalg/buffer.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
-#include <rotavg/linalg/tall.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {

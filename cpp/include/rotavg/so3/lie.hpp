@@ -55,7 +55,7 @@ inline Matrix3 inverse_right_jacobian(const Vector3& r) {
   Matrix3 J = W * W;
   J *= c;
   J += 0.5 * W;
-  J.diagonal() += Vector3::Ones();
+  for (int k = 0; k < 3; ++k) J(k, k) += 1.0;
   return J;
 }
 
