@@ -9,6 +9,7 @@
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/objective.hpp>
+#include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/loso.hpp>
 #include <rotavg/so3/nearest.hpp>

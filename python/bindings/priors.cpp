@@ -5,6 +5,7 @@
 
 #include <pybind11/stl.h>
 
+#include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/reduction/prior_objective.hpp>
 #include <rotavg/uncertainty/covariance_with_priors.hpp>

@@ -7,6 +7,9 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The parts (n,) into which the nodes fall where only some edges (m,) hold, numbered in the order
@@ -34,3 +37,5 @@ inline std::vector<Index> parts_joined_by(const MeasurementGraph& graph,
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

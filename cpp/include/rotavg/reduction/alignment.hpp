@@ -9,6 +9,9 @@
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Turns every component of the measurements as a whole to where it meets its priors best: by the
@@ -57,3 +60,5 @@ inline Rotations headed(const GroundedGraph& problem, Rotations Q) {
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

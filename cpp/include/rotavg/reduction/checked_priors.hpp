@@ -15,6 +15,9 @@
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The priors of one graph, with rows for ids, in the order of the rows; exact rotations,
@@ -137,3 +140,5 @@ inline CheckedPriors checked_priors(const MeasurementGraph& graph, const Priors&
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -3,10 +3,12 @@
 #include <cmath>
 #include <vector>
 
-#include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
 
 namespace rotavg {
 
@@ -38,21 +40,6 @@ inline double gravity_cost(const Matrix3& R, const Vector3& d, const Vector3& g,
   return 2.0 * w * (R * d - g).squaredNorm();
 }
 
-/// The edges of a graph that are gravity: each of these, from a node to the world, and the next
-/// one.
-struct GravityPairs {
-  std::vector<Index> first;         ///< edges, rising
-  Vector3 down = Vector3::UnitY();  ///< g, of length 1
-
-  /// What a pair costs at any rotation, 8 w.
-  /// @param e residual quaternion of its first edge
-  static double constant(const Vector4& e) { return 8.0 * e.squaredNorm(); }
-  /// What the pair costs besides. The residual quaternion of the second edge is that of the first,
-  /// e = (v, s), times a half turn about g: |v'|^2 = s^2 + |v|^2 - (v . g)^2, so that
-  /// 8 |v|^2 + 8 |v'|^2 - 8 w = 8 |v x g|^2.
-  double cost(const Vector4& e) const { return 8.0 * e.head<3>().cross(down).squaredNorm(); }
-};
-
 /// The rotation about the unit vector g that brings R nearest to the identity, at the largest of
 /// tr(exp(phi [g]) R) = const + cos(phi) (tr R - g R g) - sin(phi) g . vee(R - R^T).
 inline Matrix3 heading_to_identity(const Matrix3& R, const Vector3& g) {
@@ -61,3 +48,5 @@ inline Matrix3 heading_to_identity(const Matrix3& R, const Vector3& g) {
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -10,11 +10,14 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/graph/parts.hpp>
 #include <rotavg/reduction/checked_priors.hpp>
-#include <rotavg/reduction/gravity.hpp>
+#include <rotavg/reduction/gravity_pairs.hpp>
 #include <rotavg/reduction/reduced_graph.hpp>
 #include <rotavg/reduction/rigs.hpp>
 #include <rotavg/reduction/world.hpp>
 #include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
 
 namespace rotavg {
 
@@ -126,3 +129,5 @@ class GroundedGraph {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

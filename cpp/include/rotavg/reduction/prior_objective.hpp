@@ -6,10 +6,15 @@
 #include <vector>
 
 #include <rotavg/problem/objective.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/reduction/gravity.hpp>
+#include <rotavg/reduction/gravity_pairs.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
 
 namespace rotavg {
 
@@ -92,3 +97,5 @@ inline Index degrees_of_freedom(const GroundedGraph& problem) {
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

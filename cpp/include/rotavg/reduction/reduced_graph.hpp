@@ -9,6 +9,9 @@
 #include <rotavg/reduction/riding.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The measurements between the variables that the nodes of a graph ride on, as a graph of these:
@@ -98,3 +101,5 @@ inline Components components_of_nodes(const Riding& riding, const Components& of
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

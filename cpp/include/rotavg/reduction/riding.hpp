@@ -7,6 +7,9 @@
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Nodes that ride on variables with constant rotations,
@@ -78,3 +81,5 @@ inline Riding riding_on(const Riding& outer, const Riding& inner) {
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

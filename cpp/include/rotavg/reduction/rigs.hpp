@@ -8,6 +8,9 @@
 #include <rotavg/reduction/riding.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Every camera of a calibrated rig rides on its frame, every other node on itself. Variables are
@@ -32,3 +35,5 @@ inline Riding ride_on_frames(Index num_nodes, const std::vector<CheckedPriors::R
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

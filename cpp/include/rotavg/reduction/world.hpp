@@ -6,9 +6,13 @@
 
 #include <rotavg/reduction/checked_priors.hpp>
 #include <rotavg/reduction/gravity.hpp>
+#include <rotavg/reduction/gravity_pairs.hpp>
 #include <rotavg/reduction/riding.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
 
 namespace rotavg {
 
@@ -68,3 +72,5 @@ inline std::vector<RelativeRotation> edges_of_world(const CheckedPriors& priors,
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -16,7 +16,7 @@
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/init/spanning_tree.hpp>
 #include <rotavg/problem/gauge.hpp>
-#include <rotavg/reduction/gravity.hpp>
+#include <rotavg/reduction/gravity_pairs.hpp>
 #include <rotavg/solve/accelerated.hpp>
 #include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/bcd.hpp>

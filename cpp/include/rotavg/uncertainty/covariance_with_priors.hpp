@@ -1,32 +1,14 @@
 #pragma once
 
-#include <utility>
 #include <vector>
 
-#include <rotavg/reduction/grounded_graph.hpp>
+#include <rotavg/compiled.hpp>
 #include <rotavg/types.hpp>
 #include <rotavg/uncertainty/covariance.hpp>
 
 namespace rotavg {
 
-namespace detail {
-
-/// @param pairs of variables
-inline Covariances covariances_of_variables(const GroundedGraph& problem, const Rotations& R,
-                                            const std::vector<NodePair>& pairs,
-                                            CovarianceOptions options) {
-  options.turn_of = problem.free_heading();
-  std::vector<bool> held(static_cast<std::size_t>(problem.num_free_headings()), false);
-  for (Index v = 0; v < problem.graph().num_nodes(); ++v) {
-    const Index turn = options.turn_of[v];
-    if (turn < 0 || held[turn]) continue;
-    held[turn] = true;
-    options.free_turns.push_back({v, problem.priors().down});
-  }
-  return covariances(problem.graph(), problem.variables_from(R), pairs, options);
-}
-
-}  // namespace detail
+class GroundedGraph;
 
 /// covariances() of pairs of given nodes where measurements and priors are known. Nodes that ride
 /// on one variable are known exactly relative to each other.
@@ -34,28 +16,18 @@ inline Covariances covariances_of_variables(const GroundedGraph& problem, const 
 /// @param R (n,) world_from_i where the objective is stationary
 /// @param options its free turns are those that gravity leaves, whatever it holds
 /// @throws as covariances() of a graph
-inline Covariances covariances(const GroundedGraph& problem, const Rotations& R,
-                               const std::vector<NodePair>& pairs,
-                               const CovarianceOptions& options = {}) {
-  std::vector<NodePair> variables;
-  for (const NodePair& pair : pairs) {
-    variables.push_back(
-        {problem.riding().variable[pair.base], problem.riding().variable[pair.node]});
-  }
-  return detail::covariances_of_variables(problem, R, variables, options);
-}
+ROTAVG_INLINE Covariances covariances(const GroundedGraph& problem, const Rotations& R,
+                                      const std::vector<NodePair>& pairs,
+                                      const CovarianceOptions& options = {});
 
 /// The same of every given node (n,) relative to the world or, where nothing holds its component,
 /// to the first variable there. A heading that is free is counted from the first variable of its
 /// part.
-inline Covariances marginal_covariances(const GroundedGraph& problem, const Rotations& R,
-                                        const CovarianceOptions& options = {}) {
-  const Components& components = problem.components();
-  std::vector<NodePair> variables;
-  for (const Index v : problem.riding().variable) {
-    variables.push_back({components.root(components.label[v]), v});
-  }
-  return detail::covariances_of_variables(problem, R, variables, options);
-}
+ROTAVG_INLINE Covariances marginal_covariances(const GroundedGraph& problem, const Rotations& R,
+                                               const CovarianceOptions& options = {});
 
 }  // namespace rotavg
+
+#ifndef ROTAVG_COMPILED
+#include <rotavg/uncertainty/covariance_with_priors_impl.hpp>
+#endif
