@@ -9,6 +9,10 @@
 #include <iostream>
 #include <vector>
 
+#include <rotavg/certify/certificate_matrix.hpp>
+#include <rotavg/graph/elimination.hpp>
+#include <rotavg/linalg/block_cholesky.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/rotavg.hpp>
 
 namespace {

@@ -1,8 +1,8 @@
 #include <memory>
 
+#include <rotavg/graph/algebraic_connectivity.hpp>
 #include <rotavg/graph/breadth_first.hpp>
 #include <rotavg/graph/components.hpp>
-#include <rotavg/graph/laplacian.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 
 #include "bindings.hpp"

@@ -3,6 +3,7 @@
 #include <pybind11/functional.h>
 #include <pybind11/stl.h>
 
+#include <rotavg/linalg/memory.hpp>
 #include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/robust/solve_robust_with_priors.hpp>
 #include <rotavg/solve/anisotropic.hpp>

@@ -7,6 +7,7 @@
 
 #include <doctest/doctest.h>
 
+#include <rotavg/graph/algebraic_connectivity.hpp>
 #include <rotavg/graph/breadth_first.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/laplacian.hpp>

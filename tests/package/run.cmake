@@ -31,3 +31,6 @@ run("${CMAKE_COMMAND}" -S "${consumer}" -B "${work}/build" -G "${generator}" ${w
     -D "CMAKE_CXX_COMPILER=${cxx}" -D "CMAKE_CXX_FLAGS=${cxx_flags}")
 run("${CMAKE_COMMAND}" --build "${work}/build")
 run("${work}/build/consumer")
+if(way STREQUAL "find_package")
+  run("${work}/build/consumer_compiled")
+endif()

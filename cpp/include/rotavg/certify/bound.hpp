@@ -2,8 +2,6 @@
 
 #include <limits>
 
-#include <rotavg/linalg/lobpcg.hpp>
-
 namespace rotavg {
 
 /// How the gap is known; of several components, the weakest.
@@ -28,9 +26,5 @@ struct LowerBound {
   double value = 0.0;
   CertificateMethod method = CertificateMethod::nonnegativity;  ///< how it is known
 };
-
-inline double value_or_nan(const Eigenpair& pair) {
-  return pair.converged ? pair.value : std::numeric_limits<double>::quiet_NaN();
-}
 
 }  // namespace rotavg

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <utility>
 
 #include <Eigen/Core>
@@ -44,6 +45,10 @@ inline double min_eigenvalue_of_measurements(const MeasurementGraph& graph, int 
       smallest_eigenpair(apply, {}, random_start(rows, 4), Eigen::MatrixXd(rows, 0), options);
   // Gershgorin: the spectrum of Rt lies within [-max_degree, max_degree].
   return std::max(pair.value - pair.residual, -max_degree);
+}
+
+inline double value_or_nan(const Eigenpair& pair) {
+  return pair.converged ? pair.value : std::numeric_limits<double>::quiet_NaN();
 }
 
 /// The smallest eigenpair of S, given a start and a preconditioner close to the inverse of S (or of

@@ -1,10 +1,6 @@
 #pragma once
 
-#include <algorithm>
-#include <cmath>
-#include <functional>
-#include <limits>
-#include <optional>
+#include <cstddef>
 
 #include <Eigen/Core>
 
@@ -12,7 +8,7 @@
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
-#include <rotavg/linalg/lobpcg.hpp>
+#include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
@@ -42,49 +38,6 @@ inline BlockCholesky<1>::Blocks grounded_laplacian(const MeasurementGraph& graph
   using Scalar = Eigen::Matrix<double, 1, 1>;
   return elimination.assemble<1>([&](Index i) { return Scalar(graph.degree(i)); },
                                  [&](Index k) { return Scalar(-graph.edges()[k].weight); });
-}
-
-/// lambda_2(L) of one component, its algebraic connectivity (Fiedler 1973): the larger, the easier
-/// the averaging (Wilson, Bindel and Snavely 2016). NaN for a single node, or if the work was
-/// stopped.
-inline double algebraic_connectivity(const MeasurementGraph& graph, const Components& components,
-                                     Index component,
-                                     const std::function<bool()>& keep_going = {}) {
-  const auto& nodes = components.nodes[component];
-  const auto n = static_cast<Eigen::Index>(nodes.size());
-  if (n < 2) return std::numeric_limits<double>::quiet_NaN();
-  double max_degree = 0.0;
-  for (const Index i : nodes) max_degree = std::max(max_degree, graph.degree(i));
-
-  constexpr double max_flops = 2e10;
-  Elimination elimination(graph, components, component);
-  std::optional<BlockCholesky<1>> cholesky;
-  if (elimination.flops(1, max_flops) <= max_flops) {
-    cholesky.emplace(elimination.symbolic());
-    if (cholesky->factorize(grounded_laplacian(graph, elimination), 0.0, keep_going) !=
-        CholeskyOutcome::positive_definite) {
-      cholesky.reset();
-    }
-  }
-  const LinearOperator precondition = [&](const Eigen::MatrixXd& X) -> Eigen::MatrixXd {
-    if (!cholesky) {  // so dense that the degrees do nearly as well
-      Eigen::MatrixXd Y = X;
-      for (Eigen::Index a = 0; a < n; ++a) Y.row(a) /= graph.degree(nodes[a]);
-      return Y;
-    }
-    Eigen::MatrixXd Y = Eigen::MatrixXd::Zero(X.rows(), X.cols());
-    Y.bottomRows(n - 1) = cholesky->solve(X.bottomRows(n - 1));
-    return Y;
-  };
-  LobpcgOptions options;
-  options.tolerance = 1e-9 * max_degree;
-  options.keep_going = keep_going;
-  const Eigen::MatrixXd ones = Eigen::MatrixXd::Constant(n, 1, 1.0 / std::sqrt(double(n)));
-  const Eigenpair pair = smallest_eigenpair(
-      [&](const Eigen::MatrixXd& X) { return apply_laplacian(graph, components, component, X); },
-      precondition, random_start(n, std::min<Eigen::Index>(3, n - 1)), ones, options);
-  const bool stopped = keep_going && !keep_going();
-  return stopped ? std::numeric_limits<double>::quiet_NaN() : pair.value;
 }
 
 }  // namespace rotavg

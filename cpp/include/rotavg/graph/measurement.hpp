@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 #include <stdexcept>
@@ -43,6 +44,20 @@ constexpr double negligible_orthogonality_error = 2e-15;
 constexpr double min_weight = 1e-100;
 constexpr double max_weight = 1e100;
 
+/// max |R^T R - I|; NaN where R holds one.
+inline double orthogonality_error(const Matrix3& R) {
+  double error = 0.0;
+  for (int a = 0; a < 3; ++a) {
+    for (int b = a; b < 3; ++b) {
+      const double dot = R(0, a) * R(0, b) + R(1, a) * R(1, b) + R(2, a) * R(2, b);
+      const double off = std::abs(dot - (a == b ? 1.0 : 0.0));
+      if (std::isnan(off)) return off;
+      error = std::max(error, off);
+    }
+  }
+  return error;
+}
+
 /// @throws InvalidEdge if the weight of measurement k is out of bounds
 inline void check_weight(Index k, double weight) {
   if (weight >= min_weight && weight <= max_weight) return;
@@ -68,7 +83,7 @@ inline Matrix3 check_measurement(Index k, const RelativeRotation& m) {
   check_weight(k, m.weight);
   const Matrix3& R = m.i_from_j;
   if (!R.allFinite()) refuse("the rotation holds a NaN or an infinity");
-  const double error = (R.transpose() * R - Matrix3::Identity()).cwiseAbs().maxCoeff();
+  const double error = orthogonality_error(R);
   if (!(error <= max_orthogonality_error)) {
     refuse("the matrix is not a rotation: R^T R differs from the identity by ", error,
            "; expected at most ", max_orthogonality_error);

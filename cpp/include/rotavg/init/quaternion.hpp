@@ -45,7 +45,7 @@ inline std::optional<Rotations> quaternion_init(const MeasurementGraph& graph,
     const double scale = e.i_from_j.norm();
     const bool opposite = product(q[e.i], e.i_from_j).dot(q[e.j].coeffs()) < 0.0;
     for (int c = 0; c < 4; ++c) {
-      M[k].col(c) = product(Quaternion(Vector4(Vector4::Unit(c))), e.i_from_j);
+      M[k].col(c) = product(Quaternion(c == 3, c == 0, c == 1, c == 2), e.i_from_j);
     }
     M[k] *= opposite ? -scale : scale;
   }
@@ -70,7 +70,8 @@ inline std::optional<Rotations> quaternion_init(const MeasurementGraph& graph,
     for (Index a = 0; a < elimination.size(); ++a) {
       const Vector4 x_a = x.middleRows<4>(4 * a);
       // Far from the root, noise can let x vanish to the last digit: there the value above stays.
-      if (x_a.stableNorm() > 0.0) q[elimination.node(a)].coeffs() = x_a.stableNormalized();
+      const double largest = x_a.cwiseAbs().maxCoeff();  // whose square may vanish
+      if (largest > 0.0) q[elimination.node(a)].coeffs() = (x_a / largest).normalized();
     }
   }
   return to_rotations(q);

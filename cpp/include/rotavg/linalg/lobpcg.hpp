@@ -93,6 +93,15 @@ inline WithImage orthonormal_basis(std::initializer_list<const WithImage*> block
   return basis;
 }
 
+/// max |H - H^T|.
+inline double asymmetry(const Eigen::MatrixXd& H) {
+  double largest = 0.0;
+  for (Eigen::Index a = 0; a < H.rows(); ++a) {
+    for (Eigen::Index b = 0; b < a; ++b) largest = std::max(largest, std::abs(H(a, b) - H(b, a)));
+  }
+  return largest;
+}
+
 inline bool meets(const LobpcgOptions& options, const Eigenpair& pair) {
   return pair.residual <=
          std::max(options.tolerance, options.relative_tolerance * std::abs(pair.value));
@@ -148,9 +157,10 @@ inline Eigenpair smallest_eigenpair(const LinearOperator& A, const LinearOperato
     P = {combinations(V.rightCols(others), C.bottomRows(others)),
          combinations(AV.rightCols(others), C.bottomRows(others))};
     // Errors of its image grow from one P to the next, and show in H.
-    const double asymmetry = (H - H.transpose()).cwiseAbs().maxCoeff();
-    if (asymmetry > drift * H.cwiseAbs().maxCoeff()) P = with_image(std::move(P.V));
-    const MatrixXd residual = project(X.AV - X.V * ritz.values.head(k).asDiagonal());
+    if (detail::asymmetry(H) > drift * H.cwiseAbs().maxCoeff()) P = with_image(std::move(P.V));
+    MatrixXd residual = X.AV;
+    for (Eigen::Index c = 0; c < k; ++c) residual.col(c) -= ritz.values(c) * X.V.col(c);
+    residual = project(std::move(residual));
     const double fall = best.value - ritz.values(0);
     idle = iteration > 0 && fall <= options.value_tolerance ? idle + 1 : 0;
     best.value = ritz.values(0);
@@ -167,9 +177,10 @@ inline Eigenpair smallest_eigenpair(const LinearOperator& A, const LinearOperato
   }
   // What is returned is evaluated at the returned vector.
   const MatrixXd x = best.vector;
-  const MatrixXd Ax = project(A(x));
+  MatrixXd Ax = project(A(x));
   best.value = best.vector.dot(Ax.col(0));
-  best.residual = (Ax - best.value * x).norm();
+  Ax -= best.value * x;
+  best.residual = Ax.norm();
   best.converged = best.converged || detail::meets(options, best);
   return best;
 }

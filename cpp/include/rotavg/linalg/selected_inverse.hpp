@@ -9,10 +9,10 @@
 
 #include <Eigen/Core>
 
+#include <rotavg/linalg/add_product.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/linalg/buffer.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
-#include <rotavg/linalg/tall.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -108,13 +108,13 @@ class SelectedInverse {
     Eigen::MatrixXd inverse = Eigen::MatrixXd::Identity(pivots, pivots);
     L_JJ.solveInPlace(inverse);
     Z.setZero();
-    add_product(1.0, inverse.transpose(), inverse, Z.topRows(pivots));
+    add_product(1.0, Eigen::MatrixXd(inverse.transpose()), inverse, Z.topRows(pivots));
     if (below == 0) return;
     gather(node);
     Y_.setZero(below, pivots);
     add_product(1.0, L.bottomRows(below), inverse, Y_);
     add_product(-1.0, Z_KK_, Y_, Z.bottomRows(below));
-    add_product(-1.0, Y_.transpose(), Z.bottomRows(below), Z.topRows(pivots));
+    add_product(-1.0, Eigen::MatrixXd(Y_.transpose()), Z.bottomRows(below), Z.topRows(pivots));
   }
 
   /// Z_KK, K the rows below this supernode, from the panels of ancestors.

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <algorithm>
-
 #include <Eigen/Core>
 
 namespace rotavg {
@@ -26,21 +24,6 @@ inline Eigen::MatrixXd combinations(const Eigen::MatrixXd& A, const Eigen::Matri
     for (Eigen::Index i = 0; i < A.cols(); ++i) result.col(j) += C(i, j) * A.col(i);
   }
   return result;
-}
-
-/// C += s A B, for matrices of any shape: Eigen takes no further threads for targets that are known
-/// to have 32 rows at most.
-/// @param c column-major, in memory
-template <typename A, typename B, typename C>
-void add_product(double s, const A& a, const B& b, C&& c) {
-  constexpr int most = 32;
-  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, most, Eigen::Dynamic>;
-  for (Eigen::Index r = 0; r < a.rows(); r += most) {
-    const Eigen::Index rows = std::min<Eigen::Index>(most, a.rows() - r);
-    Eigen::Map<Rows, 0, Eigen::OuterStride<>> target(c.data() + r, rows, c.cols(),
-                                                     Eigen::OuterStride<>(c.outerStride()));
-    target.noalias() += s * (a.middleRows(r, rows) * b);
-  }
 }
 
 }  // namespace rotavg

@@ -41,7 +41,7 @@ inline Rotations checked_rotations(const MeasurementGraph& graph, Rotations R) {
                                 std::to_string(graph.num_nodes()) + ", one for each node");
   }
   for (Index i = 0; i < graph.num_nodes(); ++i) {
-    const double error = (R[i].transpose() * R[i] - Matrix3::Identity()).cwiseAbs().maxCoeff();
+    const double error = orthogonality_error(R[i]);
     const double determinant = R[i].determinant();
     if (!(error <= max_orthogonality_error && determinant > 0.0)) {
       std::ostringstream reason;

@@ -35,6 +35,16 @@ inline BlockCholesky<3>::Blocks connection_laplacian(const ResidualQuaternions& 
       [&](Index k) -> Matrix3 { return -weighted_rotation(Quaternion(residuals()[k])); });
 }
 
+/// Y_a += M X_b, for blocks of three rows of 3n x k matrices.
+inline void add_block_product(const Matrix3& M, const Eigen::MatrixXd& X, Index b,
+                              Eigen::MatrixXd& Y, Index a) {
+  for (Eigen::Index c = 0; c < X.cols(); ++c) {
+    const double* const x = X.data() + c * X.rows() + 3 * b;
+    double* const y = Y.data() + c * Y.rows() + 3 * a;
+    for (int r = 0; r < 3; ++r) y[r] += M(r, 0) * x[0] + M(r, 1) * x[1] + M(r, 2) * x[2];
+  }
+}
+
 /// E X with E the symmetric matrix of the blocks E_ij = w R_i R_ij R_j^T of one component, n nodes:
 /// Rt in the global frame.
 ///
@@ -45,11 +55,10 @@ inline Eigen::MatrixXd apply_connection(const ResidualQuaternions& residuals,
   const std::vector<Index>& nodes = components.nodes[component];
   Eigen::MatrixXd Y = Eigen::MatrixXd::Zero(X.rows(), X.cols());
   parallel_for(static_cast<Index>(nodes.size()), residuals.num_threads(), [&](Index a) {
-    auto Y_a = Y.middleRows<3>(3 * a);
     for (const HalfEdge& h : residuals.graph().row(nodes[a])) {
       const Quaternion e(residuals()[h.edge()]);
       const Matrix3 E = weighted_rotation(h.is_i() ? e : e.conjugate());
-      Y_a += E.lazyProduct(X.middleRows<3>(3 * components.row_in_component[h.node]));
+      add_block_product(E, X, components.row_in_component[h.node], Y, a);
     }
   });
   return Y;

@@ -58,7 +58,10 @@ inline BlockCholesky<3>::Blocks hessian_blocks(const ResidualQuaternions& residu
   const auto symmetric_part = [&](Index edge) -> Matrix3 {
     const Vector4& e = residuals()[edge];
     const Vector3 v = e.head<3>();
-    return 4.0 * (e.w() * e.w() * Matrix3::Identity() - v * v.transpose());
+    Matrix3 block = v * v.transpose();
+    block *= -4.0;
+    for (int k = 0; k < 3; ++k) block(k, k) += 4.0 * e.w() * e.w();
+    return block;
   };
   return elimination.assemble<3>(
       [&](Index i) {

@@ -5,7 +5,6 @@
 #include <utility>
 #include <vector>
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 
 #include <rotavg/graph/components.hpp>
@@ -67,11 +66,11 @@ class LiftedProblem {
     at.gradient = apply_connection(residuals_, components_, component_, Z);
     at.Lambda.resize(nodes_.size());
     for (Index a = 0; a < num_nodes(); ++a) {
-      const auto Z_a = Z.middleRows<3>(3 * a);
-      auto EZ_a = at.gradient.middleRows<3>(3 * a);
-      at.Lambda[a] = symmetric_part(EZ_a.lazyProduct(Z_a.transpose()));
-      EZ_a = 2.0 * (at.Lambda[a].lazyProduct(Z_a) - EZ_a);
-      at.relative_gradient = std::max(at.relative_gradient, EZ_a.norm() / degree(a));
+      auto gradient_a = at.gradient.middleRows<3>(3 * a);  // E Z at first
+      at.Lambda[a] = symmetric_part(outer_product(at.gradient, Z, a));
+      gradient_a *= -2.0;
+      add_block_product(2.0 * at.Lambda[a], Z, a, at.gradient, a);
+      at.relative_gradient = std::max(at.relative_gradient, gradient_a.norm() / degree(a));
     }
     at.objective = objective(Z);
     at.Z = std::move(Z);
@@ -86,8 +85,17 @@ class LiftedProblem {
         const Quaternion e(residuals_()[h.edge()]);
         const double w = e.squaredNorm();
         const Matrix3 E = weighted_rotation(e) / w;
-        const auto Z_j = Z.middleRows<3>(3 * components_.row_in_component[h.node]);
-        sum += w * (E.transpose().lazyProduct(Z.middleRows<3>(3 * a)) - Z_j).squaredNorm();
+        const Index j = components_.row_in_component[h.node];
+        double squares = 0.0;  // |E^T Z_a - Z_j|^2
+        for (Eigen::Index c = 0; c < Z.cols(); ++c) {
+          const double* const z_a = Z.data() + c * Z.rows() + 3 * a;
+          const double* const z_j = Z.data() + c * Z.rows() + 3 * j;
+          for (int r = 0; r < 3; ++r) {
+            const double d = E(0, r) * z_a[0] + E(1, r) * z_a[1] + E(2, r) * z_a[2] - z_j[r];
+            squares += d * d;
+          }
+        }
+        sum += w * squares;
       }
       return sum;
     });
@@ -97,8 +105,8 @@ class LiftedProblem {
   LiftedBlocks hessian(const LiftedPoint& at, const LiftedBlocks& V) const {
     LiftedBlocks H = apply_connection(residuals_, components_, component_, V);
     for (Index a = 0; a < num_nodes(); ++a) {
-      auto H_a = H.middleRows<3>(3 * a);
-      H_a = 2.0 * (at.Lambda[a].lazyProduct(V.middleRows<3>(3 * a)) - H_a);
+      H.middleRows<3>(3 * a) *= -2.0;
+      add_block_product(2.0 * at.Lambda[a], V, a, H, a);
     }
     project(at.Z, H);
     return H;
@@ -107,9 +115,7 @@ class LiftedProblem {
   /// V <- P(V), onto the tangent space at Z: V_i - sym(V_i Z_i^T) Z_i.
   void project(const LiftedBlocks& Z, LiftedBlocks& V) const {
     for (Index a = 0; a < num_nodes(); ++a) {
-      const auto Z_a = Z.middleRows<3>(3 * a);
-      auto V_a = V.middleRows<3>(3 * a);
-      V_a -= symmetric_part(V_a.lazyProduct(Z_a.transpose())).lazyProduct(Z_a);
+      add_block_product(-symmetric_part(outer_product(V, Z, a)), Z, a, V, a);
     }
   }
 
@@ -118,14 +124,33 @@ class LiftedProblem {
   LiftedBlocks retract(const LiftedBlocks& Z, const LiftedBlocks& V) const {
     LiftedBlocks M = Z + V;
     for (Index a = 0; a < num_nodes(); ++a) {
-      auto M_a = M.middleRows<3>(3 * a);
-      const Matrix3 gram = M_a.lazyProduct(M_a.transpose());
-      gram.llt().matrixL().solveInPlace(M_a);
+      const Matrix3 gram = outer_product(M, M, a);
+      const double l00 = std::sqrt(gram(0, 0)), l10 = gram(1, 0) / l00, l20 = gram(2, 0) / l00;
+      const double l11 = std::sqrt(gram(1, 1) - l10 * l10), l21 = (gram(2, 1) - l20 * l10) / l11;
+      const double l22 = std::sqrt(gram(2, 2) - (l20 * l20 + l21 * l21));
+      for (Eigen::Index c = 0; c < M.cols(); ++c) {
+        double* const x = M.data() + c * M.rows() + 3 * a;
+        x[0] /= l00;
+        x[1] = (x[1] - l10 * x[0]) / l11;
+        x[2] = (x[2] - l20 * x[0] - l21 * x[1]) / l22;
+      }
     }
     return M;
   }
 
  private:
+  /// A_a B_a^T.
+  static Matrix3 outer_product(const LiftedBlocks& A, const LiftedBlocks& B, Index a) {
+    Matrix3 sum = Matrix3::Zero();
+    for (Eigen::Index c = 0; c < A.cols(); ++c) {
+      const double* const x = A.data() + c * A.rows() + 3 * a;
+      const double* const y = B.data() + c * B.rows() + 3 * a;
+      for (int r = 0; r < 3; ++r) {
+        for (int s = 0; s < 3; ++s) sum(r, s) += x[r] * y[s];
+      }
+    }
+    return sum;
+  }
   static Matrix3 symmetric_part(const Matrix3& A) { return 0.5 * (A + A.transpose()); }
 
   const ResidualQuaternions& residuals_;

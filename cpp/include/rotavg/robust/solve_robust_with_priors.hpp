@@ -1,46 +1,14 @@
 #pragma once
 
-#include <algorithm>
-#include <cstddef>
 #include <optional>
-#include <utility>
-#include <vector>
 
+#include <rotavg/compiled.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/robust/solve_robust.hpp>
-#include <rotavg/solve/solve_with_priors.hpp>
-#include <rotavg/solve/stopwatch.hpp>
+#include <rotavg/types.hpp>
 
 namespace rotavg {
-
-namespace detail {
-
-/// Makes what was found of the measurements between frames what is told of all the given ones.
-/// Those within a frame are constants, which are judged all the same.
-inline void tell_of_measurements(const GroundedGraph& problem, RobustSolution& solution) {
-  const MeasurementGraph& given = problem.given();
-  const Riding& frames = problem.frames();
-  std::vector<double> weights = weights_of(given);
-  std::vector<EdgeVerdict> verdicts(weights.size(), EdgeVerdict::inlier);
-  std::size_t between = 0;
-  for (Index k = 0; k < given.num_edges(); ++k) {
-    const Edge& e = given.edges()[k];
-    if (frames.variable[e.i] != frames.variable[e.j]) {
-      weights[k] = solution.edge_weights[between];
-      verdicts[k] = solution.verdicts.edges[between++];
-      continue;
-    }
-    const double x = 0.5 * residual(e, solution.rotations).squaredNorm();
-    weights[k] = std::max(min_weight, e.weight * weight_share(solution.loss, x));
-    if (x > solution.threshold * solution.threshold) verdicts[k] = EdgeVerdict::robust_weight;
-  }
-  std::vector<Index> part;
-  for (const Index v : frames.variable) part.push_back(solution.verdicts.part[v]);
-  solution.edge_weights = std::move(weights);
-  solution.verdicts = {std::move(verdicts), std::move(part)};
-}
-
-}  // namespace detail
 
 /// solve_robust() with priors: the weights of the measurements come from a robust solution without
 /// what holds the world, and are held in the problem with it, which is solved and certified.
@@ -48,38 +16,19 @@ inline void tell_of_measurements(const GroundedGraph& problem, RobustSolution& s
 /// @param start an initial value to use instead of the first least squares, world_from_i of the
 ///        given nodes
 /// @throws std::invalid_argument as solve_robust() of a graph
-inline RobustSolution solve_robust(GroundedGraph problem, const SolveOptions& options = {},
-                                   const RobustOptions& robust = {},
-                                   std::optional<Rotations> start = std::nullopt) {
-  const Stopwatch watch;
-  SolveOptions rough = options;
-  if (problem.has_world()) {
-    rough.certify = false;
-    rough.iteration.tolerance = std::max(options.iteration.tolerance, 1e-6);
-  }
-  RobustSolution solution = detail::solve_measurements(
-      problem, std::move(start), [&](const MeasurementGraph& graph, std::optional<Rotations> R) {
-        return solve_robust(graph, rough, robust, std::move(R));
-      });
-  if (!problem.priors().rigs.empty()) detail::tell_of_measurements(problem, solution);
-  if (!problem.has_world()) return solution;
-  problem.set_weights(solution.edge_weights);
-  SolveOptions rest = options;
-  rest.iteration.max_iterations =
-      std::max(0, options.iteration.max_iterations - solution.iterations);
-  rest.iteration.time_limit = std::max(0.0, options.iteration.time_limit - watch.seconds());
-  static_cast<Solution&>(solution) = detail::meet_priors(problem, solution, rest);
-  return solution;
-}
+ROTAVG_INLINE RobustSolution solve_robust(GroundedGraph problem, const SolveOptions& options = {},
+                                          const RobustOptions& robust = {},
+                                          std::optional<Rotations> start = std::nullopt);
 
 /// The same for measurements and priors as they come.
 /// @throws InvalidPrior, std::invalid_argument as GroundedGraph and solve_robust()
-inline RobustSolution solve_robust(const MeasurementGraph& graph, const Priors& priors,
-                                   const SolveOptions& options = {},
-                                   const RobustOptions& robust = {},
-                                   std::optional<Rotations> start = std::nullopt) {
-  if (priors.empty()) return solve_robust(graph, options, robust, std::move(start));
-  return solve_robust(GroundedGraph(graph, priors), options, robust, std::move(start));
-}
+ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph, const Priors& priors,
+                                          const SolveOptions& options = {},
+                                          const RobustOptions& robust = {},
+                                          std::optional<Rotations> start = std::nullopt);
 
 }  // namespace rotavg
+
+#ifndef ROTAVG_COMPILED
+#include <rotavg/robust/solve_robust_with_priors_impl.hpp>
+#endif

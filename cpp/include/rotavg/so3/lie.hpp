@@ -31,7 +31,8 @@ inline Matrix3 exp_so3(const Vector3& w) {
 
 /// exp([w]) R, a rotation to rounding error however often it is turned.
 inline Matrix3 turned(const Matrix3& R, const Vector3& w) {
-  return Eigen::Quaterniond(exp_so3(w) * R).normalized().matrix();
+  const Matrix3 product = exp_so3(w) * R;
+  return Eigen::Quaterniond(product).normalized().matrix();
 }
 
 /// The rotation vector w, |w| <= pi, with exp_so3(w) = R.
@@ -51,7 +52,11 @@ inline Matrix3 inverse_right_jacobian(const Vector3& r) {
   const double c = angle < 1e-2 ? 1.0 / 12.0 + angle * angle / 720.0
                                 : (1.0 - half * std::cos(half) / std::sin(half)) / (angle * angle);
   const Matrix3 W = hat(r);
-  return Matrix3::Identity() + 0.5 * W + c * W * W;
+  Matrix3 J = W * W;
+  J *= c;
+  J += 0.5 * W;
+  for (int k = 0; k < 3; ++k) J(k, k) += 1.0;
+  return J;
 }
 
 /// The angle in radians, 0 … pi, that turns A into B, from the chordal distance |A - B|_F

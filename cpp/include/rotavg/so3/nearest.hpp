@@ -1,23 +1,9 @@
 #pragma once
 
-#include <cmath>
-#include <limits>
-
-#include <Eigen/Geometry>
-
-#include <rotavg/so3/loso.hpp>
+#include <rotavg/compiled.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
-
-/// The cofactor matrix: cof(M)^T M = det(M) I.
-inline Matrix3 cofactor_matrix(const Matrix3& M) {
-  Matrix3 C;
-  C.col(0) = M.col(1).cross(M.col(2));
-  C.col(1) = M.col(2).cross(M.col(0));
-  C.col(2) = M.col(0).cross(M.col(1));
-  return C;
-}
 
 /// The rotation nearest to M: argmax tr(M^T X) = argmin |X - M|_F over SO(3).
 ///
@@ -35,44 +21,13 @@ inline Matrix3 cofactor_matrix(const Matrix3& M) {
 /// there the formula loses digits and the result comes from Algorithm 1 instead.
 ///
 /// Contract: as loso(); the value tr(M^T X) agrees with the exact one to 1e-12 |M|_F.
-inline Matrix3 nearest_rotation(const Matrix3& M) {
-  constexpr double epsilon = std::numeric_limits<double>::epsilon();
-  constexpr int max_newton_steps = 12;
-  constexpr double min_zeta = 0.01;  // relative to lambda^3; 8/27 for a multiple of a rotation
-
-  const double scale = M.cwiseAbs().maxCoeff();
-  if (scale > 0.0) {
-    const Matrix3 B = M / scale;
-    const Matrix3 C = cofactor_matrix(B);
-    const double norm2 = B.squaredNorm();
-    const double det = B.col(0).dot(C.col(0));
-    const double c0 = norm2 * norm2 - 4.0 * C.squaredNorm();
-
-    double lambda = std::sqrt(3.0 * norm2);
-    bool converged = false;
-    for (int k = 0; k < max_newton_steps && !converged; ++k) {
-      const double x2 = lambda * lambda;
-      const double p = (x2 - 2.0 * norm2) * x2 - 8.0 * det * lambda + c0;
-      const double slope = 4.0 * lambda * (x2 - norm2) - 8.0 * det;
-      if (!(slope > 0.0)) break;
-      const double step = p / slope;
-      lambda -= step;
-      converged = std::abs(step) <= 8.0 * epsilon * lambda;
-    }
-
-    const double kappa = 0.5 * (lambda * lambda - norm2);
-    const double zeta = kappa * lambda - det;
-    if (converged && zeta > min_zeta * lambda * lambda * lambda) {
-      const Matrix3 X = ((kappa + norm2) * B + lambda * C - B * (B.transpose() * B)) / zeta;
-      return Eigen::Quaterniond(X).normalized().matrix();
-    }
-  }
-  Matrix3 A = -M;
-  A.transposeInPlace();
-  return loso(A);
-}
+ROTAVG_INLINE Matrix3 nearest_rotation(const Matrix3& M);
 
 /// LOSO by the fast kernel: the minimiser of tr(A X) is the rotation nearest to -A^T.
 inline Matrix3 loso_fast(const Matrix3& A) { return nearest_rotation(-A.transpose()); }
 
 }  // namespace rotavg
+
+#ifndef ROTAVG_COMPILED
+#include <rotavg/so3/nearest_impl.hpp>
+#endif

@@ -1,104 +1,14 @@
 #pragma once
 
-#include <algorithm>
-#include <cmath>
-#include <cstddef>
-#include <limits>
-#include <stdexcept>
-#include <string>
-#include <utility>
 #include <vector>
 
-#include <Eigen/Core>
-
-#include <rotavg/graph/components.hpp>
-#include <rotavg/graph/elimination.hpp>
+#include <rotavg/compiled.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
-#include <rotavg/linalg/block_cholesky.hpp>
-#include <rotavg/problem/gauge.hpp>
-#include <rotavg/problem/gradient.hpp>
-#include <rotavg/problem/hessian.hpp>
-#include <rotavg/so3/lie.hpp>
-#include <rotavg/solve/monitor.hpp>
 #include <rotavg/solve/options.hpp>
 #include <rotavg/solve/result.hpp>
 #include <rotavg/types.hpp>
 
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
-
 namespace rotavg {
-
-namespace detail {
-
-/// F and what Gauss and Newton need of it at some rotations.
-class AnisotropicLinearization {
- public:
-  AnisotropicLinearization(const MeasurementGraph& graph, const std::vector<Matrix3>& information,
-                           const Rotations& R)
-      : graph_(graph),
-        hessian_(graph.edges().size()),
-        gradient_(graph.num_nodes(), 3),
-        stiffness_(R.size(), 0.0) {
-    gradient_.setZero();
-    for (std::size_t k = 0; k < hessian_.size(); ++k) {
-      const Edge& e = graph.edges()[k];
-      const Vector3 r = log_so3((R[e.i] * e.i_from_j).transpose() * R[e.j]);
-      const Matrix3 A = inverse_right_jacobian(r) * R[e.j].transpose();
-      const Vector3 g = 2.0 * (A.transpose() * (information[k] * r));
-      objective_ += r.dot(information[k] * r);
-      hessian_[k] = 2.0 * A.transpose() * information[k] * A;
-      gradient_.row(e.i) -= g.transpose();
-      gradient_.row(e.j) += g.transpose();
-      stiffness_[e.i] += information[k].trace() / 3.0;
-      stiffness_[e.j] += information[k].trace() / 3.0;
-    }
-  }
-
-  double objective() const { return objective_; }
-  const NodeVectors& gradient() const { return gradient_; }
-
-  /// Relative as of (3): about four times the angle by which a node would turn.
-  GradientNorm gradient_norm() const {
-    GradientNorm norm{gradient_.norm(), 0.0};
-    for (std::size_t i = 0; i < stiffness_.size(); ++i) {
-      if (stiffness_[i] == 0.0) continue;
-      const double size = gradient_.row(static_cast<Eigen::Index>(i)).norm();
-      norm.relative = std::max(norm.relative, 2.0 * size / stiffness_[i]);
-    }
-    return norm;
-  }
-
-  BlockCholesky<3>::Blocks hessian(Elimination& elimination) const {
-    return elimination.assemble<3>(
-        [&](Index i) {
-          Matrix3 sum = Matrix3::Zero();
-          for (const HalfEdge& h : graph_.row(i)) sum += hessian_[h.edge()];
-          return sum;
-        },
-        [&](Index k) -> Matrix3 { return -hessian_[k]; });
-  }
-
- private:
-  const MeasurementGraph& graph_;
-  std::vector<Matrix3> hessian_;  // of every edge
-  NodeVectors gradient_;
-  std::vector<double> stiffness_;
-  double objective_ = 0.0;
-};
-
-inline double anisotropic_objective(const MeasurementGraph& graph,
-                                    const std::vector<Matrix3>& information, const Rotations& R) {
-  double sum = 0.0;
-  for (std::size_t k = 0; k < information.size(); ++k) {
-    const Edge& e = graph.edges()[k];
-    const Vector3 r = log_so3((R[e.i] * e.i_from_j).transpose() * R[e.j]);
-    sum += r.dot(information[k] * r);
-  }
-  return sum;
-}
-
-}  // namespace detail
 
 /// A local minimum of
 ///
@@ -110,63 +20,12 @@ inline double anisotropic_objective(const MeasurementGraph& graph,
 ///
 /// @param information (m,) Omega of every edge, symmetric and positive definite
 /// @throws std::invalid_argument unless there is one Omega for each edge
-inline IterationResult refine_anisotropic(const MeasurementGraph& graph,
-                                          const std::vector<Matrix3>& information, Rotations R,
-                                          const IterationOptions& options = {}) {
-  constexpr int max_halvings = 40;
-  constexpr double sufficient = 1e-4;
-  if (information.size() != graph.edges().size()) {
-    throw std::invalid_argument("found " + std::to_string(information.size()) +
-                                " information matrices; expected one for each edge");
-  }
-  const Components components = connected_components(graph);
-  std::vector<Elimination> eliminations = grounded_eliminations(graph, components);
-  Monitor monitor(graph, R, options);
-  double step = 0.0;
-  bool settled = false;
-  for (;;) {
-    const detail::AnisotropicLinearization at_R(graph, information, R);
-    if (monitor.should_stop(at_R.objective(), at_R.gradient_norm(), step, settled)) break;
-
-    NodeVectors w = NodeVectors::Zero(graph.num_nodes(), 3);
-    for (Elimination& elimination : eliminations) {
-      if (elimination.size() == 0) continue;
-      BlockCholesky<3> cholesky(elimination.symbolic());
-      const auto outcome =
-          cholesky.factorize(at_R.hessian(elimination), 0.0, [&] { return monitor.keep_going(); });
-      if (outcome != CholeskyOutcome::positive_definite) continue;  // rounding, or stopped
-      Eigen::MatrixXd right(cholesky.size(), 1);
-      for (Index a = 0; a < elimination.size(); ++a) {
-        right.col(0).segment<3>(3 * a) = -at_R.gradient().row(elimination.node(a)).transpose();
-      }
-      cholesky.solve_in_place(right);
-      for (Index a = 0; a < elimination.size(); ++a) {
-        w.row(elimination.node(a)) = right.col(0).segment<3>(3 * a).transpose();
-      }
-    }
-
-    const double slope = at_R.gradient().cwiseProduct(w).sum();
-    const double rounding = 1e-14 * at_R.objective();
-    settled = true;
-    double t = 1.0;
-    for (int k = 0; k < max_halvings && slope < 0.0; ++k, t *= 0.5) {
-      Rotations next = R;
-      for (std::size_t i = 0; i < next.size(); ++i) {
-        next[i] = turned(R[i], t * w.row(static_cast<Eigen::Index>(i)).transpose());
-      }
-      const double f = detail::anisotropic_objective(graph, information, next);
-      if (f <= at_R.objective() + sufficient * t * slope + rounding) {
-        settled = false;
-        R = std::move(next);
-        break;
-      }
-    }
-    step = settled ? 0.0 : t * std::sqrt(2.0 / 3.0 * w.squaredNorm() / graph.num_nodes());
-  }
-  fix_gauge(components, R);
-  return std::move(monitor).result(std::move(R));
-}
+ROTAVG_INLINE IterationResult refine_anisotropic(const MeasurementGraph& graph,
+                                                 const std::vector<Matrix3>& information,
+                                                 Rotations R, const IterationOptions& options = {});
 
 }  // namespace rotavg
 
-#pragma GCC diagnostic pop
+#ifndef ROTAVG_COMPILED
+#include <rotavg/solve/anisotropic_impl.hpp>
+#endif

@@ -49,7 +49,10 @@ class SemidefiniteRelaxation {
     Y_.resize(3 * Eigen::Index{n}, 3 * Eigen::Index{n});
     S_.resize(Y_.rows(), 3);
     parallel_for(n, num_threads_, [&](Index j) {
-      for (Index i = 0; i < n; ++i) block(i, j) = 0.5 * R[i].transpose() * R[j];
+      for (Index i = 0; i < n; ++i) {
+        const Matrix3 i_from_j = R[i].transpose() * R[j];
+        block(i, j) = 0.5 * i_from_j;
+      }
       block(j, j).setIdentity();
     });
   }
@@ -69,11 +72,15 @@ class SemidefiniteRelaxation {
 
     Matrix3 M = Matrix3::Zero();  // W^T B W
     for (const HalfEdge& h : graph_.row(k)) {
-      M.noalias() += measured(h, k).transpose() * S_.middleRows<3>(3 * Eigen::Index{h.node});
+      const Matrix3 W_q = measured(h, k), S_q = S_.middleRows<3>(3 * Eigen::Index{h.node});
+      M += W_q.transpose() * S_q;
     }
     const Matrix3 root = inverse_root(0.5 * (M + M.transpose()));
     for (Eigen::Index row = 0; row < S_.rows(); ++row) {
-      S_.row(row) = (S_.row(row) * root).eval();
+      const double s[3] = {S_(row, 0), S_(row, 1), S_(row, 2)};
+      for (int c = 0; c < 3; ++c) {
+        S_(row, c) = s[0] * root(0, c) + s[1] * root(1, c) + s[2] * root(2, c);
+      }
     }
     const Eigen::Index at = 3 * Eigen::Index{k};
     S_.middleRows<3>(at).setIdentity();
@@ -90,7 +97,8 @@ class SemidefiniteRelaxation {
     const auto& edges = graph_.edges();
     return block_sum<double>(graph_.num_edges(), num_threads_, [&](Index k) {
       const Edge& e = edges[k];
-      return e.weight * (6.0 - 2.0 * e.i_from_j.cwiseProduct(block(e.i, e.j)).sum());
+      const Matrix3 Y_ij = block(e.i, e.j);
+      return e.weight * (6.0 - 2.0 * e.i_from_j.cwiseProduct(Y_ij).sum());
     });
   }
 
@@ -141,8 +149,8 @@ class SemidefiniteRelaxation {
     Matrix3 result = Matrix3::Zero();
     for (int k = 0; k < 3; ++k) {
       if (!(eigen.values(k) > rounding)) continue;
-      const Vector3 v = eigen.vectors.col(k);
-      result.noalias() += v * v.transpose() / std::sqrt(eigen.values(k));
+      const Vector3 v = eigen.vectors.col(k) / std::sqrt(std::sqrt(eigen.values(k)));
+      result += v * v.transpose();
     }
     return result;
   }

@@ -84,7 +84,7 @@ class Staircase {
     Eigen::MatrixXd X = combinations(at_.Z, principal.vectors.rightCols<3>());
     double orientation = 0.0;  // the three dimensions may come as a reflection
     for (Index a = 0; a < problem_.num_nodes(); ++a) {
-      orientation += X.middleRows<3>(3 * a).topRows<3>().determinant();
+      orientation += Matrix3(X.middleRows<3>(3 * a)).determinant();
     }
     if (orientation < 0.0) X.col(0) *= -1.0;
     Rotations R = R_;

@@ -1,33 +1,12 @@
 #pragma once
 
-#include <algorithm>
-#include <cstddef>
 #include <functional>
-#include <limits>
-#include <optional>
-#include <sstream>
-#include <stdexcept>
-#include <string>
-#include <utility>
 #include <vector>
 
-#include <Eigen/Core>
-
-#include <rotavg/graph/components.hpp>
-#include <rotavg/graph/elimination.hpp>
+#include <rotavg/compiled.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
-#include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/linalg/memory.hpp>
-#include <rotavg/linalg/selected_inverse.hpp>
-#include <rotavg/parallel/threads.hpp>
-#include <rotavg/problem/hessian.hpp>
-#include <rotavg/problem/residual_quaternions.hpp>
-#include <rotavg/so3/quaternion.hpp>
-#include <rotavg/solve/anisotropic.hpp>
 #include <rotavg/types.hpp>
-
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
 
 namespace rotavg {
 
@@ -69,136 +48,6 @@ struct NodePair {
   Index node;
 };
 
-namespace detail {
-
-/// The covariances of some pairs of one component.
-class ComponentCovariances {
- public:
-  /// @param anisotropic or null
-  /// @param residuals, components, anisotropic, options must outlive this object
-  ComponentCovariances(const ResidualQuaternions& residuals, const Components& components,
-                       Index component, const AnisotropicLinearization* anisotropic,
-                       const CovarianceOptions& options)
-      : residuals_(residuals),
-        components_(components),
-        elimination_(residuals.graph(), components, component),
-        anisotropic_(anisotropic),
-        options_(options),
-        scale_((anisotropic ? 2.0 : 4.0) * options.noise_variance) {
-    double bytes = 0.0;  // of the factor and of the inverse
-    for (const auto& s : elimination_.symbolic()->supernodes()) {
-      bytes += 2.0 * 9.0 * sizeof(double) * static_cast<double>(s.rows()) * s.columns();
-    }
-    if (bytes > physical_memory()) {
-      std::ostringstream message;
-      message.precision(3);
-      message << "the covariances need " << bytes * 1e-9 << " GB, and this machine has "
-              << physical_memory() * 1e-9 << " GB";
-      throw TooLarge(message.str());
-    }
-  }
-
-  /// @param chosen places in `pairs` of those of this component
-  CovarianceStatus operator()(const std::vector<NodePair>& pairs, std::vector<Index> chosen,
-                              const std::function<bool()>& keep_going,
-                              std::vector<Matrix3>& result) {
-    auto H = anisotropic_ ? anisotropic_->hessian(elimination_)
-                          : hessian_blocks(residuals_, elimination_);
-    hold_turns(H);
-    BlockCholesky<3> cholesky(elimination_.symbolic());
-    switch (cholesky.factorize(H, 0.0, keep_going)) {
-      case CholeskyOutcome::not_positive_definite:
-        return CovarianceStatus::not_a_minimum;
-      case CholeskyOutcome::stopped:
-        return CovarianceStatus::stopped;
-      case CholeskyOutcome::positive_definite:
-        break;
-    }
-    const SelectedInverse<3> inverse(cholesky, keep_going);
-    if (inverse.stopped()) return CovarianceStatus::stopped;
-
-    // Pairs with the same base one after another: one solve serves them all.
-    std::stable_sort(chosen.begin(), chosen.end(),
-                     [&](Index a, Index b) { return pairs[a].base < pairs[b].base; });
-    Index solved = -1;  // the base that `columns` belong to
-    Eigen::MatrixXd columns;
-    const auto marginal = [&](Index a) -> Matrix3 {
-      return a < 0 ? Matrix3::Zero() : Matrix3(inverse(a, a));
-    };
-    for (const Index k : chosen) {
-      if (pairs[k].base == pairs[k].node) continue;  // zero
-      const Index a = row_of(pairs[k].base), b = row_of(pairs[k].node);
-      Matrix3 cross = Matrix3::Zero();  // in the row of b and the column of a
-      if (a >= 0 && b >= 0 && inverse.has(a, b)) {
-        cross = inverse(b, a);
-      } else if (a >= 0 && b >= 0) {
-        if (std::exchange(solved, a) != a) {
-          if (keep_going && !keep_going()) return CovarianceStatus::stopped;
-          columns.setZero(cholesky.size(), 3);
-          columns.middleRows<3>(3 * a).setIdentity();
-          cholesky.solve_in_place(columns);
-        }
-        cross = columns.middleRows<3>(3 * b);
-      }
-      const Matrix3 sum = marginal(a) + marginal(b) - cross - cross.transpose();
-      result[k] = without_held_turn(
-          pairs[k], scale_ * (0.5 * (sum + sum.transpose()) - share_of_turns(pairs[k])));
-    }
-    return CovarianceStatus::computed;
-  }
-
- private:
-  /// Row of a node in H; -1 for the root, which has none.
-  Index row_of(Index node) const {
-    return components_.row_in_component[node] - elimination_.skipped();
-  }
-
-  /// With t a free turn, H t = 0. H + k a a^T, with a the axis at the node that is held, has the
-  /// inverse G + t t^T / k, G that of H where this node does not turn about the axis.
-  void hold_turns(BlockCholesky<3>::Blocks& H) {
-    for (const FreeTurn& turn : options_.free_turns) {
-      if (components_.label[turn.held] != elimination_.component()) continue;
-      H[elimination_.pattern().start[row_of(turn.held)]] +=
-          stiffness(turn) * turn.axis * turn.axis.transpose();
-    }
-  }
-  double stiffness(const FreeTurn& turn) const { return residuals_.graph().degree(turn.held); }
-
-  /// C, exactly zero about the axis where the root sees a node whose turn is held.
-  Matrix3 without_held_turn(const NodePair& pair, const Matrix3& C) const {
-    for (const FreeTurn& turn : options_.free_turns) {
-      const bool seen_from_root = row_of(pair.base) < 0 && pair.node == turn.held;
-      if (!seen_from_root && !(row_of(pair.node) < 0 && pair.base == turn.held)) continue;
-      const Matrix3 across = Matrix3::Identity() - turn.axis * turn.axis.transpose();
-      return across * C * across;
-    }
-    return C;
-  }
-
-  /// What the sum of all t t^T / k adds to a pair: nothing where both turn together.
-  Matrix3 share_of_turns(const NodePair& pair) const {
-    Matrix3 share = Matrix3::Zero();
-    if (options_.turn_of.empty()) return share;
-    const Index a = options_.turn_of[pair.base], b = options_.turn_of[pair.node];
-    if (a == b) return share;
-    for (const Index k : {a, b}) {
-      if (k < 0) continue;
-      const FreeTurn& turn = options_.free_turns[k];
-      share += turn.axis * turn.axis.transpose() / stiffness(turn);
-    }
-    return share;
-  }
-
-  const ResidualQuaternions& residuals_;
-  const Components& components_;
-  Elimination elimination_;
-  const AnisotropicLinearization* anisotropic_;
-  const CovarianceOptions& options_;
-  double scale_;
-};
-
-}  // namespace detail
-
 /// How well the rotations of pairs of nodes are known relative to each other, if all edges are
 /// right but for small independent noise.
 ///
@@ -219,37 +68,12 @@ class ComponentCovariances {
 /// @param pairs each within one component
 /// @throws std::invalid_argument for a pair of two components
 /// @throws TooLarge if the factor and the inverse do not fit in memory
-inline Covariances covariances(const MeasurementGraph& graph, const Rotations& R,
-                               const std::vector<NodePair>& pairs,
-                               const CovarianceOptions& options = {}) {
-  const Components components = connected_components(graph);
-  std::vector<std::vector<Index>> chosen(components.nodes.size());
-  for (std::size_t k = 0; k < pairs.size(); ++k) {
-    const Index c = components.label[pairs[k].base];
-    if (components.label[pairs[k].node] != c) {
-      throw std::invalid_argument("the nodes of pair " + std::to_string(k) +
-                                  " are not connected: their rotations are not known relative to "
-                                  "each other");
-    }
-    chosen[c].push_back(static_cast<Index>(k));
-  }
-  const ResidualQuaternions residuals(graph, to_quaternions(R),
-                                      resolve_num_threads(options.num_threads, graph.num_edges()));
-  std::optional<detail::AnisotropicLinearization> anisotropic;
-  if (!options.information.empty()) anisotropic.emplace(graph, options.information, R);
-  Covariances result;
-  result.pairs.assign(pairs.size(), Matrix3::Zero());
-  for (Index c = 0; c < components.size(); ++c) {
-    if (chosen[c].empty() || components.nodes[c].size() < 2) continue;
-    result.status = detail::ComponentCovariances(residuals, components, c,
-                                                 anisotropic ? &*anisotropic : nullptr, options)(
-        pairs, std::move(chosen[c]), options.keep_going, result.pairs);
-    if (result.status != CovarianceStatus::computed) return result;
-  }
-  result.status = CovarianceStatus::computed;
-  return result;
-}
+ROTAVG_INLINE Covariances covariances(const MeasurementGraph& graph, const Rotations& R,
+                                      const std::vector<NodePair>& pairs,
+                                      const CovarianceOptions& options = {});
 
 }  // namespace rotavg
 
-#pragma GCC diagnostic pop
+#ifndef ROTAVG_COMPILED
+#include <rotavg/uncertainty/covariance_impl.hpp>
+#endif

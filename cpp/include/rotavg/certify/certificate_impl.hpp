@@ -1,0 +1,184 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <functional>
+#include <limits>
+#include <vector>
+
+#include <rotavg/certify/bound.hpp>
+#include <rotavg/certify/certificate.hpp>
+#include <rotavg/certify/certificate_matrix.hpp>
+#include <rotavg/certify/connectivity.hpp>
+#include <rotavg/certify/factorization.hpp>
+#include <rotavg/certify/min_eigenvalue.hpp>
+#include <rotavg/compiled.hpp>
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/parallel/threads.hpp>
+#include <rotavg/problem/check_rotations.hpp>
+#include <rotavg/problem/objective.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/reduction/gravity.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+namespace detail {
+
+/// What the gap of one component is held against.
+struct Measure {
+  double objective = 0.0;  ///< its part of f(R), plus what rounding can have taken away
+  double constant = 0.0;   ///< what gravity's edges cost at any R, and is not in the objective
+  /// Sum of w, where no edge counts for more than 1000 times the lightest: or a few heavy edges
+  /// would hide all that the others say.
+  double weight = 0.0;
+
+  double relative(double gap) const {
+    const double floor = 1e-6 * weight;
+    return gap / (objective < floor ? floor : objective);  // NaN where the objective is
+  }
+};
+
+inline std::vector<Measure> measure_components(const ResidualQuaternions& residuals,
+                                               const Components& components,
+                                               const GravityPairs& gravity) {
+  const MeasurementGraph& graph = residuals.graph();
+  std::vector<Measure> measures(components.nodes.size());
+  std::vector<double> lightest(measures.size(), std::numeric_limits<double>::infinity());
+  auto pair = gravity.first.begin();
+  for (Index k = 0; k < graph.num_edges(); ++k) {
+    const Index c = components.label[graph.quaternion_edges()[k].i];
+    const Vector4& e = residuals()[k];
+    const double weight = e.squaredNorm();
+    measures[c].weight += weight;
+    lightest[c] = std::min(lightest[c], weight);
+    if (pair == gravity.first.end() || k < *pair) {
+      measures[c].objective += 8.0 * e.head<3>().squaredNorm();
+    } else if (k == *pair) {
+      measures[c].objective += gravity.cost(e);
+      measures[c].constant += gravity.constant(e);
+    } else {
+      ++pair;  // the second edge of the pair is in the cost of the first
+    }
+  }
+  for (Measure& measure : measures) {
+    measure.objective += objective_rounding(measure.weight, measure.objective);
+  }
+  constexpr double most = 1000.0;
+  if (graph.max_weight() <= most * graph.min_weight()) return measures;
+  for (Measure& measure : measures) measure.weight = 0.0;
+  for (Index k = 0; k < graph.num_edges(); ++k) {
+    const Index c = components.label[graph.quaternion_edges()[k].i];
+    measures[c].weight += std::min(residuals()[k].squaredNorm(), most * lightest[c]);
+  }
+  return measures;
+}
+
+inline ComponentBound bound_component(const CertificateMatrix& S, Elimination& elimination,
+                                      const CertificateOptions& options) {
+  const double limit = options.max_factorization_flops;
+  constexpr double not_worth_it = 1e9;
+  const auto stopped = [&] { return options.keep_going && !options.keep_going(); };
+  // The connectivity first, where the whole factorisation is not quick: near complete graphs before
+  // that is even analysed; elsewhere where it takes no longer than the limit, and less than a
+  // quarter of the whole.
+  const double flops = Connectivity::flops(S.num_nodes());
+  if (27.0 * flops > not_worth_it && Connectivity::is_near_complete(S)) {
+    const ComponentBound bound = Connectivity(S).bound_by_norm(options.keep_going);
+    if (bound.method == CertificateMethod::connectivity || stopped()) return bound;
+  }
+  if (flops <= limit && elimination.flops(3, limit) > std::max(4.0 * flops, not_worth_it)) {
+    const ComponentBound bound = Connectivity(S).bound_by_factorization(options.keep_going);
+    if (bound.method == CertificateMethod::connectivity || stopped()) return bound;
+  }
+  if (elimination.flops(3, limit) > limit) {
+    const ComponentBound bound = bound_by_positive_eigenvalue(S, options.keep_going);
+    if (bound.method == CertificateMethod::eigenvalue) return bound;
+    return bound_by_eigenvalue(S, options.keep_going);
+  }
+  BlockCholesky<3> cholesky(elimination.symbolic());
+  const auto outcome = cholesky.factorize(S.blocks(elimination), 0.0, options.keep_going);
+  if (outcome == CholeskyOutcome::stopped) return {};
+  return outcome == CholeskyOutcome::positive_definite
+             ? bound_by_grounded_factorization(S, cholesky, options.keep_going)
+             : bound_certificate_matrix(S, limit, options.keep_going);
+}
+
+/// The larger of two numbers; NaN if one of them is.
+inline double larger(double a, double b) { return std::isnan(a) || b <= a ? a : b; }
+
+inline Verdict verdict_of(const ComponentCertificate& certificate, double tolerance) {
+  if (!(certificate.relative_gap <= tolerance)) return Verdict::not_certified;
+  return certificate.method == CertificateMethod::eigenvalue ? Verdict::estimated : Verdict::proved;
+}
+
+/// @param bound what S at R says
+/// @param known what is known besides: f* is not below it
+inline ComponentCertificate certify_component(const ComponentBound& bound, const LowerBound& known,
+                                              const Measure& measure, double tolerance) {
+  ComponentCertificate certificate;
+  certificate.method = bound.method;
+  certificate.gap = bound.gap;
+  certificate.lambda_min = bound.lambda_min > 0.0 ? 0.0 : bound.lambda_min;  // as N^T S N = 0
+  const double least = std::max(0.0, known.value - measure.constant);
+  const double gap = measure.objective - least;
+  // A known bound is the better proof where it leaves nothing to gain.
+  const bool nothing_left = measure.relative(gap) <= tolerance && known.method < bound.method;
+  if (nothing_left || !(bound.gap < gap)) certificate.gap = gap;
+  if (nothing_left || (least > 0.0 && !(bound.gap < gap))) certificate.method = known.method;
+  certificate.relative_gap = measure.relative(certificate.gap);
+  certificate.verdict = verdict_of(certificate, tolerance);
+  return certificate;
+}
+
+}  // namespace detail
+
+ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations& R,
+                                  const Components& components,
+                                  std::vector<Elimination>& eliminations,
+                                  const CertificateOptions& options,
+                                  const std::vector<LowerBound>& known,
+                                  const GravityPairs& gravity) {
+  const int num_threads = resolve_num_threads(options.num_threads, graph.num_edges());
+
+  const ResidualQuaternions residuals(graph, to_quaternions(R), num_threads);
+  const NodeSums sums(residuals);
+  const auto measures = detail::measure_components(residuals, components, gravity);
+  Certificate certificate;
+  certificate.gap = certificate.relative_gap = 0.0;
+  certificate.method = CertificateMethod::factorization;
+  for (Index c = 0; c < components.size(); ++c) {
+    ComponentCertificate part;
+    if (components.nodes[c].size() < 2) {  // every rotation is optimal
+      part = {Verdict::proved, CertificateMethod::factorization, 0.0, 0.0, 0.0};
+    } else {
+      const ComponentBound bound =
+          detail::bound_component(CertificateMatrix(sums, components, c), eliminations[c], options);
+      part = detail::certify_component(bound, known.empty() ? LowerBound{} : known[c], measures[c],
+                                       options.tolerance);
+    }
+    certificate.method = std::max(certificate.method, part.method);
+    certificate.gap += part.gap;
+    certificate.relative_gap = detail::larger(certificate.relative_gap, part.relative_gap);
+    certificate.lambda_min = -detail::larger(-certificate.lambda_min, -part.lambda_min);
+    certificate.components.push_back(part);
+  }
+  certificate.verdict = detail::verdict_of(certificate, options.tolerance);
+  return certificate;
+}
+
+ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations& given,
+                                  const CertificateOptions& options) {
+  const Components components = connected_components(graph);
+  std::vector<Elimination> eliminations = grounded_eliminations(graph, components);
+  return certify(graph, checked_rotations(graph, given), components, eliminations, options);
+}
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop
