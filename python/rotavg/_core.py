@@ -2,7 +2,7 @@
 
 The builds differ in their instructions, so that results can differ in the last bits from one kind
 of processor to another (never from one number of threads to another). ROTAVG_CORE=baseline asks for
-the build that runs anywhere.
+the build that runs anywhere, which a wheel holds as well (./dev builds what this processor runs).
 """
 
 import os

@@ -10,6 +10,12 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 
+#include <rotavg/graph/elimination.hpp>
+#include <rotavg/init/shortest_path.hpp>
+#include <rotavg/linalg/block_cholesky.hpp>
+#include <rotavg/linalg/selected_inverse.hpp>
+#include <rotavg/problem/hessian.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/rotavg.hpp>
 
 #include "support/graphs.hpp"

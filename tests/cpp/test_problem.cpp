@@ -10,6 +10,7 @@
 
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
+#include <rotavg/graph/laplacian.hpp>
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/davenport.hpp>

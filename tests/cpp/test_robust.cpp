@@ -5,7 +5,17 @@
 
 #include <doctest/doctest.h>
 
+#include <rotavg/problem/davenport.hpp>
+#include <rotavg/problem/gradient.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/robust/cycles.hpp>
+#include <rotavg/robust/inner.hpp>
+#include <rotavg/robust/irls.hpp>
+#include <rotavg/robust/residuals.hpp>
+#include <rotavg/robust/reweighted_sweep.hpp>
+#include <rotavg/robust/votes.hpp>
 #include <rotavg/rotavg.hpp>
+#include <rotavg/solve/monitor.hpp>
 
 #include "support/graphs.hpp"
 #include "support/random.hpp"

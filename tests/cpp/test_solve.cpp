@@ -7,7 +7,11 @@
 
 #include <doctest/doctest.h>
 
+#include <rotavg/init/random.hpp>
+#include <rotavg/problem/gradient.hpp>
 #include <rotavg/rotavg.hpp>
+#include <rotavg/solve/bcd.hpp>
+#include <rotavg/solve/newton.hpp>
 
 #include "support/graphs.hpp"
 #include "support/random.hpp"

@@ -8,9 +8,6 @@
 #include <rotavg/solve/result.hpp>
 #include <rotavg/types.hpp>
 
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
-
 namespace rotavg {
 
 /// A local minimum of
