@@ -4,6 +4,9 @@
 
 #include <doctest/doctest.h>
 
+#include <rotavg/graph/node_rows.hpp>
+#include <rotavg/reduction/grounded_graph.hpp>
+#include <rotavg/reduction/rigs.hpp>
 #include <rotavg/rotavg.hpp>
 
 #include "support/graphs.hpp"

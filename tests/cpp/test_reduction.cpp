@@ -3,6 +3,12 @@
 
 #include <doctest/doctest.h>
 
+#include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/reduction/gravity.hpp>
+#include <rotavg/reduction/gravity_pairs.hpp>
+#include <rotavg/reduction/grounded_graph.hpp>
+#include <rotavg/reduction/reduced_graph.hpp>
+#include <rotavg/reduction/riding.hpp>
 #include <rotavg/rotavg.hpp>
 
 #include "support/graphs.hpp"

@@ -26,8 +26,6 @@ ROTAVG_INLINE IterationResult refine_anisotropic(const MeasurementGraph& graph,
 
 }  // namespace rotavg
 
-#pragma GCC diagnostic pop
-
 #ifndef ROTAVG_COMPILED
 #include <rotavg/solve/anisotropic_impl.hpp>
 #endif

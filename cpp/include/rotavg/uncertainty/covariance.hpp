@@ -74,8 +74,6 @@ ROTAVG_INLINE Covariances covariances(const MeasurementGraph& graph, const Rotat
 
 }  // namespace rotavg
 
-#pragma GCC diagnostic pop
-
 #ifndef ROTAVG_COMPILED
 #include <rotavg/uncertainty/covariance_impl.hpp>
 #endif
