@@ -15,7 +15,7 @@ struct CertificateOptions {
   /// (certify/random_start.hpp): the chance that it is wrong. Zero: no such proof.
   double failure_probability = 1e-12;
   /// Of that start. Another one draws anew.
-  std::uint64_t seed = 0x5eed;
+  std::uint64_t seed = 0;
   /// No factorisation of the proof takes more operations than this.
   double max_factorization_flops = 1e12;
   int num_threads = 0;

@@ -36,7 +36,8 @@ enum class Shortfall {
   leftover,    ///< S is positive: R is near the optimum, steps towards it or less rounding would do
   negative,    ///< S has a negative eigenvalue: R is not the optimum, or the relaxation not tight
   relaxation,  ///< the gap is the distance to the optimum of the relaxation, which was met
-  undecided,   ///< stopped, or nothing came to an end
+  undecided,   ///< nothing was proved, nor refuted
+  stopped,     ///< by keep_going, before anything was
 };
 
 /// How far the objective at R can be from the global optimum (Theorem 1, and beyond it for points
@@ -204,6 +205,10 @@ inline Certificate certify(const MeasurementGraph& graph, const Rotations& R,
     certificate.components.push_back(part);
   }
   certificate.verdict = detail::verdict_of(certificate, options.tolerance);
+  const bool stopped = options.keep_going && !options.keep_going();
+  if (stopped && certificate.shortfall == Shortfall::undecided) {
+    certificate.shortfall = Shortfall::stopped;
+  }
   return certificate;
 }
 

@@ -20,7 +20,7 @@ namespace rotavg {
 
 struct RandomStartOptions {
   double failure_probability = 1e-12;
-  std::uint64_t seed = 0x5eed;
+  std::uint64_t seed = 0;
   double max_products = 5000.0;  ///< of S with a vector, about
   std::function<bool()> keep_going;
 };
