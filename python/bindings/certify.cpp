@@ -96,9 +96,8 @@ void bind_certify(py::module_& m) {
   register_error<rotavg::InvalidRotation, invalid_rotation_arguments>(m, "InvalidRotation");
 
   m.def("certify", &certify, py::arg("graph"), py::arg("rotations"), py::kw_only(),
-        py::arg("tolerance"), py::arg("failure_probability"), py::arg("seed"),
-        py::arg("max_flops"), py::arg("time_limit"), py::arg("num_threads"),
-        py::arg("priors").none(true));
+        py::arg("tolerance"), py::arg("failure_probability"), py::arg("seed"), py::arg("max_flops"),
+        py::arg("time_limit"), py::arg("num_threads"), py::arg("priors").none(true));
   m.def(
       "objective",
       [](const MeasurementGraph& graph, const DoubleArray& rotations) {

@@ -130,12 +130,9 @@ struct Names<rotavg::PriorKind> {
 template <>
 struct Names<rotavg::Shortfall> {
   static constexpr std::pair<rotavg::Shortfall, const char*> list[] = {
-      {rotavg::Shortfall::none, "none"},
-      {rotavg::Shortfall::leftover, "leftover"},
-      {rotavg::Shortfall::negative, "negative"},
-      {rotavg::Shortfall::relaxation, "relaxation"},
-      {rotavg::Shortfall::undecided, "undecided"},
-      {rotavg::Shortfall::stopped, "stopped"}};
+      {rotavg::Shortfall::none, "none"},           {rotavg::Shortfall::leftover, "leftover"},
+      {rotavg::Shortfall::negative, "negative"},   {rotavg::Shortfall::relaxation, "relaxation"},
+      {rotavg::Shortfall::undecided, "undecided"}, {rotavg::Shortfall::stopped, "stopped"}};
 };
 
 template <typename Enum>

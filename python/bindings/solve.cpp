@@ -125,8 +125,7 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
     }
   }
   // What has converged is not lost because its certificate was interrupted.
-  const bool interrupted =
-      signals.is_keyboard_interrupt() && rotavg::is_converged(solution.status);
+  const bool interrupted = signals.is_keyboard_interrupt() && rotavg::is_converged(solution.status);
   if (!interrupted) signals.rethrow();
   py::dict result = solution_dict(solution);
   result["interrupted"] = interrupted;

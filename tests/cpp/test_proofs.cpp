@@ -55,8 +55,8 @@ CertificateOptions by_random_start() {
 TEST_CASE("the optimum is proved at any noise, on any kind of graph") {
   Random random;
   INFO(random.replay());
-  for (const double noise : {0.0, 1e-14, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4,
-                             1e-3, 1e-2, 1e-1}) {
+  for (const double noise :
+       {0.0, 1e-14, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1}) {
     const std::vector<test::Pairs> kinds = {test::cycle(300),
                                             test::complete(30),
                                             test::grid(15, 15),
@@ -88,8 +88,7 @@ TEST_CASE("the optimum is proved where weights lie far apart") {
   for (const double decades : {1.0, 2.0, 3.0, 6.0}) {
     for (int trial = 0; trial < 10; ++trial) {
       const Index n = 4 + random.below(40);
-      auto measurements =
-          test::simulate(random, test::random_connected(random, n, 3 * n), 0.02);
+      auto measurements = test::simulate(random, test::random_connected(random, n, 3 * n), 0.02);
       test::spread_weights(random, decades, measurements);
       const Solution solution = solve(MeasurementGraph(measurements));
       CAPTURE(decades);
@@ -122,8 +121,9 @@ TEST_CASE("no proof is false: small graphs of all kinds, by all ways of proving"
   for (int k = 0; k < count; ++k) {
     const Index n = 2 + random.below(11);
     // Noise from none to uniform, weights over up to six orders, parallel edges.
-    const double noise =
-        random.below(8) == 0 ? 0.0 : random.coin() ? random.power_of_ten(-12, -1) : pi;
+    const double noise = random.below(8) == 0 ? 0.0
+                         : random.coin()      ? random.power_of_ten(-12, -1)
+                                              : pi;
     auto measurements =
         test::simulate(random, test::random_connected(random, n, random.below(3 * n)), noise);
     test::spread_weights(random, random.coin() ? 0.0 : random.uniform(0.0, 3.0), measurements);

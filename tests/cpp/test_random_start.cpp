@@ -104,8 +104,8 @@ TEST_CASE("a random start tells whether S is positive, and how far, as dense eig
     const Index n = 3 + random.below(20);
     const MeasurementGraph graph =
         random_graph(random, n, random.below(4 * n), random.uniform(0.0, 1.5));
-    const Rotations R = random.coin() ? solve(graph).rotations
-                                      : bcd(graph, random.rotations(n)).rotations;
+    const Rotations R =
+        random.coin() ? solve(graph).rotations : bcd(graph, random.rotations(n)).rotations;
     const CertificateAt at(graph, R);
     const Eigen::VectorXd eigenvalues = scaled_eigenvalues(graph, R);
     RandomStartOptions options;

@@ -102,7 +102,10 @@ def _not_certified(solution: Solution, certificate: Certificate) -> Statement:
         return Statement(
             "open",
             "Converged; nothing was proved of it, and nothing refuted.",
-            (*bound, "The graph is too large, or its bottlenecks too narrow, for the ways to prove."),
+            (
+                *bound,
+                "The graph is too large, or its bottlenecks too narrow, for the ways to prove.",
+            ),
         )
     if certificate.shortfall == Shortfall.LEFTOVER:
         return Statement(

@@ -6,7 +6,6 @@ import enum
 import math
 from dataclasses import dataclass, field
 
-
 _OPTION = "certificate_tolerance, --certificate-tolerance"
 
 

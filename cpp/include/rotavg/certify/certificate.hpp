@@ -54,8 +54,8 @@ struct ComponentCertificate {
   /// absolute: the measurements themselves are rounded. (No edge's w counts for more than 1000
   /// times the lightest.)
   double relative_gap = std::numeric_limits<double>::infinity();
-  /// The chance that the proof is wrong: zero of all but CertificateMethod::random_start. Of several
-  /// components, their sum.
+  /// The chance that the proof is wrong: zero of all but CertificateMethod::random_start. Of
+  /// several components, their sum.
   double failure_probability = 0.0;
   Shortfall shortfall = Shortfall::none;  ///< of several components, of the worst
 };
@@ -67,8 +67,8 @@ struct Certificate : ComponentCertificate {
 
 namespace detail {
 
-/// Of the sum of weights: an objective that is 1e-6 of this, with residuals of 1e-13 rad, is zero to
-/// the rounding of measurements and rotations.
+/// Of the sum of weights: an objective that is 1e-6 of this, with residuals of 1e-13 rad, is zero
+/// to the rounding of measurements and rotations.
 constexpr double objective_floor = 1e-20;
 
 /// What the gap of one component is held against.
@@ -155,9 +155,9 @@ inline ComponentCertificate certify_component(const ComponentBound& bound, const
   if (certificate.verdict == Verdict::not_certified) {
     certificate.shortfall = certificate.method == CertificateMethod::relaxation
                                 ? Shortfall::relaxation
-                            : bound.is_definite       ? Shortfall::leftover
-                            : bound.lambda_min < 0.0  ? Shortfall::negative
-                                                      : Shortfall::undecided;
+                            : bound.is_definite      ? Shortfall::leftover
+                            : bound.lambda_min < 0.0 ? Shortfall::negative
+                                                     : Shortfall::undecided;
   }
   return certificate;
 }
@@ -191,8 +191,8 @@ inline Certificate certify(const MeasurementGraph& graph, const Rotations& R,
     } else {
       const CertificateMatrix S(sums, components, c);
       const double resolution = measures[c].scale() * options.tolerance;
-      const ComponentBound bound = ComponentBounds(S, q, eliminations[c], resolution,
-                                                   measures[c].noise(), options)();
+      const ComponentBound bound =
+          ComponentBounds(S, q, eliminations[c], resolution, measures[c].noise(), options)();
       part = detail::certify_component(bound, known.empty() ? LowerBound{} : known[c], measures[c],
                                        options.tolerance);
     }

@@ -179,8 +179,8 @@ class CertificateMatrix {
   ///
   /// The measurements are the rotations of the stored quaternions, the point that of the q_i. Then
   /// e carries an error of 32 u sqrt(w) (two products of 8 u, the lengths of three quaternions), E
-  /// one of 64 u w and 9 u w for its entries, its kappa |e|^2 another 37 u w; parallel edges add u w
-  /// each. A diagonal block, deg I - kappa deg I - 2 sum (|v|^2 I - v v^T), carries 8 u w of the
+  /// one of 64 u w and 9 u w for its entries, its kappa |e|^2 another 37 u w; parallel edges add u
+  /// w each. A diagonal block, deg I - kappa deg I - 2 sum (|v|^2 I - v v^T), carries 8 u w of the
   /// errors of |v|, 32 each, and 30 u w of their evaluation for every edge, and 7 q u deg of its q
   /// additions. (|2 x_i . X x_j| <= |X| (|x_i|^2 + |x_j|^2).)
   double block_rounding(Index a) const {

@@ -25,7 +25,8 @@ namespace rotavg {
 /// - and where nothing else is left, a short estimate.
 class ComponentBounds {
  public:
-  /// @param S, q (world_from_i, where S was taken), elimination (of the component, without its root)
+  /// @param S, q (world_from_i, where S was taken), elimination (of the component, without its
+  /// root)
   ///        and options must outlive this object
   /// @param resolution how small a gap has to be told from zero
   /// @param noise the objective over the sum of weights

@@ -17,6 +17,9 @@
 #include <rotavg/linalg/small_eigen.hpp>
 #include <rotavg/linalg/tall.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The smallest eigenvalue of S, where S without its first node, S_r, is positive definite.
@@ -92,6 +95,11 @@ class DefiniteFactorization {
   CholeskyOutcome factorize(const std::function<bool()>& keep_going) {
     std::vector<double> shift(mu_);
     for (double& entry : shift) entry *= 2.0;  // D and mu
+    const auto outcome =
+        cholesky_.factorize(S_.blocks(elimination_, kappa_, shift), 0.0, keep_going);
+    constexpr double modest = 1e-6;
+    if (outcome != CholeskyOutcome::not_positive_definite || kappa_ <= modest) return outcome;
+    kappa_ = modest;  // too much was asked for, perhaps
     return cholesky_.factorize(S_.blocks(elimination_, kappa_, shift), 0.0, keep_going);
   }
 
@@ -114,8 +122,8 @@ class DefiniteFactorization {
       const double mu = mu_[a - 1];
       const auto K_a = K.middleRows<3>(3 * a), rho_a = rho.middleRows<3>(3 * a);
       // Of rho: the blocks' rounding and as much again for the products.
-      const double error = 2.0 * S_.block_rounding(a) * 2.0 * longest +
-                           4.0 * unit_roundoff * K_a.norm();
+      const double error =
+          2.0 * S_.block_rounding(a) * 2.0 * longest + 4.0 * unit_roundoff * K_a.norm();
       first_order += longest * (rho_a.norm() + error) + summing * longest * K_a.norm();
       rho_square += rho_a.squaredNorm() / mu;
       error_square += error * error / mu;
@@ -224,3 +232,5 @@ inline ComponentBound bound_certificate_matrix(const CertificateMatrix& S, doubl
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

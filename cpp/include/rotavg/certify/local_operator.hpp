@@ -15,6 +15,9 @@
 #include <rotavg/so3/random.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// M = D^-1/2 S D^-1/2 of one component, D the degrees, on the complement of D^1/2 N: the operator
@@ -90,9 +93,11 @@ class LocalOperator {
 
   /// Of every column of x and of y, x^T D y.
   Row products(const Vectors& x, const Vectors& y) const {
-    return block_sum<Zeroed<Row>>(num_nodes(), num_threads_, [&](Index a) {
-             return Row(nodes_[a].degree * x[a].cwiseProduct(y[a]).colwise().sum().array());
-           })
+    return block_sum<Zeroed<Row>>(
+               num_nodes(), num_threads_,
+               [&](Index a) {
+                 return Row(nodes_[a].degree * x[a].cwiseProduct(y[a]).colwise().sum().array());
+               })
         .value;
   }
 
@@ -148,3 +153,5 @@ class LocalOperator {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

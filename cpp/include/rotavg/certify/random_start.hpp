@@ -16,6 +16,9 @@
 #include <rotavg/linalg/cholesky_rounding.hpp>
 #include <rotavg/linalg/lanczos.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 struct RandomStartOptions {
@@ -195,9 +198,9 @@ class RandomStart {
   mutable double rounding_ = 0.0;
 };
 
-/// The bound that a random start gives, where it speaks for R. Split any x as N c + z with N^T D z =
-/// 0: with the leftover K = S N, x^T S x >= 2 c^T K^T z + cut z^T D z >= -|D^-1/2 K c|^2 / cut, and
-/// as c is a weighted mean of the blocks of x,
+/// The bound that a random start gives, where it speaks for R. Split any x as N c + z with N^T D z
+/// = 0: with the leftover K = S N, x^T S x >= 2 c^T K^T z + cut z^T D z >= -|D^-1/2 K c|^2 / cut,
+/// and as c is a weighted mean of the blocks of x,
 ///
 ///     f(R) - f* <= |D^-1/2 K|_F^2 / cut
 ///
@@ -225,3 +228,5 @@ inline ComponentBound bound_by_random_start(const CertificateMatrix& S, double c
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -7,6 +7,9 @@
 #include <rotavg/linalg/symbolic_cholesky.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Half the distance from one to the next double: the relative error of one operation.
@@ -42,7 +45,7 @@ inline std::vector<double> cholesky_rounding(const SymbolicCholesky& symbolic, i
     double of_columns = 0.0;
     for (Index k = node.begin; k < node.end; ++k) {
       of_columns += B * terms[k];  // row k, up to the diagonal
-      const double beside = (node.end - k) + node.num_below();
+      const double beside = (node.end - k - 1) + node.num_below();
       sum[k] += of_columns + B * beside * terms[k];
     }
     for (const Index row : node.below) sum[row] += of_columns;
@@ -56,3 +59,5 @@ inline std::vector<double> cholesky_rounding(const SymbolicCholesky& symbolic, i
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

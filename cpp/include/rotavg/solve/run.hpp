@@ -157,8 +157,8 @@ class SolveRun {
   LowerBound& lower_bound(Index c) { return lower_bounds_[c]; }
 
  private:
-  /// Where S is positive, and only the leftover of the gradient keeps the gap open: more steps, to a
-  /// smaller gradient, whose square the gap follows.
+  /// Where S is positive, and only the leftover of the gradient keeps the gap open: more steps, to
+  /// a smaller gradient, whose square the gap follows.
   /// @returns whether the gap has become smaller
   bool polish(Solution& solution) {
     constexpr double share = 0.1, falling = 0.7;
