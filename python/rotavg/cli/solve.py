@@ -140,7 +140,7 @@ from rotavg.report import Run, check_report, write_report
     "--certificate-failure-probability",
     click.FloatRange(0, 1, max_open=True),
     1e-12,
-    "How large a chance of being wrong a proof may have where one without costs much more; 0: none.",
+    "Chance of being wrong that a proof may have where one without costs much more; 0: none.",
 )
 @number("--certificate-seed", click.IntRange(0), 0, "Seed of such a proof.")
 @number(

@@ -96,12 +96,12 @@ def _not_certified(solution: Solution, certificate: Certificate) -> Statement:
         headline = f"Not solved: {solution.status}."
         return Statement("failed", headline, (*bound, "Let it run longer, or try another method."))
     if certificate.shortfall == Shortfall.STOPPED:
-        headline = "Converged, but stopped before the proof."
+        headline = "Converged, but stopped before the certificate."
         return Statement("open", headline, bound)
     if certificate.shortfall == Shortfall.UNDECIDED:
         return Statement(
             "open",
-            "Converged; nothing was proved of it, and nothing refuted.",
+            "Converged; nothing was established of its optimality.",
             (
                 *bound,
                 "The graph is too large, or its bottlenecks too narrow, for the ways to prove.",
