@@ -31,12 +31,16 @@ rotavg::Rotations node_rotations(const MeasurementGraph& graph, const DoubleArra
 }
 
 py::dict certify(const MeasurementGraph& graph, const DoubleArray& rotations, double tolerance,
+                 double failure_probability, std::uint64_t seed, double max_flops,
                  double time_limit, int num_threads, const rotavg::GroundedGraph* priors) {
   const rotavg::Rotations R = to_rotations(rotations, "rotations");
   SignalCheck signals;
   const rotavg::Stopwatch watch;
   rotavg::CertificateOptions options;
   options.tolerance = tolerance;
+  options.failure_probability = failure_probability;
+  options.seed = seed;
+  options.max_factorization_flops = max_flops;
   options.num_threads = num_threads;
   options.keep_going = [&, check = signals.keep_going()] {
     return watch.seconds() < time_limit && check();
@@ -93,8 +97,8 @@ void bind_certify(py::module_& m) {
   register_error<rotavg::InvalidRotation, invalid_rotation_arguments>(m, "InvalidRotation");
 
   m.def("certify", &certify, py::arg("graph"), py::arg("rotations"), py::kw_only(),
-        py::arg("tolerance"), py::arg("time_limit"), py::arg("num_threads"),
-        py::arg("priors").none(true));
+        py::arg("tolerance"), py::arg("failure_probability"), py::arg("seed"), py::arg("max_flops"),
+        py::arg("time_limit"), py::arg("num_threads"), py::arg("priors").none(true));
   m.def(
       "objective",
       [](const MeasurementGraph& graph, const DoubleArray& rotations) {

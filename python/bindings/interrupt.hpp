@@ -25,6 +25,9 @@ class SignalCheck {
     };
   }
 
+  /// Whether it was Ctrl-C, and not what another handler raised. Needs the GIL.
+  bool is_keyboard_interrupt() const { return error_ && error_->matches(PyExc_KeyboardInterrupt); }
+
   /// Needs the GIL.
   void rethrow() {
     if (error_) throw *error_;

@@ -112,6 +112,7 @@ struct Names<rotavg::CertificateMethod> {
       {rotavg::CertificateMethod::factorization, "factorization"},
       {rotavg::CertificateMethod::connectivity, "connectivity"},
       {rotavg::CertificateMethod::relaxation, "relaxation"},
+      {rotavg::CertificateMethod::random_start, "random_start"},
       {rotavg::CertificateMethod::eigenvalue, "eigenvalue"},
       {rotavg::CertificateMethod::nonnegativity, "nonnegativity"}};
 };
@@ -124,6 +125,14 @@ struct Names<rotavg::PriorKind> {
       {rotavg::PriorKind::gravity, "gravity"},
       {rotavg::PriorKind::rig, "rig"},
       {rotavg::PriorKind::down, "down"}};
+};
+
+template <>
+struct Names<rotavg::Shortfall> {
+  static constexpr std::pair<rotavg::Shortfall, const char*> list[] = {
+      {rotavg::Shortfall::none, "none"},           {rotavg::Shortfall::leftover, "leftover"},
+      {rotavg::Shortfall::negative, "negative"},   {rotavg::Shortfall::relaxation, "relaxation"},
+      {rotavg::Shortfall::undecided, "undecided"}, {rotavg::Shortfall::stopped, "stopped"}};
 };
 
 template <typename Enum>
@@ -154,6 +163,8 @@ inline py::dict certificate_dict(const rotavg::ComponentCertificate& certificate
   result["lambda_min"] = certificate.lambda_min;
   result["gap"] = certificate.gap;
   result["relative_gap"] = certificate.relative_gap;
+  result["failure_probability"] = certificate.failure_probability;
+  result["shortfall"] = name_of(certificate.shortfall);
   return result;
 }
 

@@ -83,7 +83,8 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
                const std::string& init, const std::optional<DoubleArray>& start, std::uint64_t seed,
                const std::string& mu, bool accelerate, int max_rank, const std::string& stop,
                double tolerance, int max_iterations, double time_limit, int num_threads,
-               bool certify, double certificate_tolerance,
+               bool certify, double certificate_tolerance, double certificate_failure_probability,
+               std::uint64_t certificate_seed, double certificate_max_flops,
                const std::optional<py::function>& callback, const std::string& loss,
                double loss_scale, double cycle_threshold, const rotavg::GroundedGraph* priors,
                bool start_is_solution) {
@@ -97,6 +98,9 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
   options.max_rank = max_rank;
   options.certify = certify;
   options.certificate.tolerance = certificate_tolerance;
+  options.certificate.failure_probability = certificate_failure_probability;
+  options.certificate.seed = certificate_seed;
+  options.certificate.max_factorization_flops = certificate_max_flops;
   options.iteration.stop = value_of<rotavg::StopRule>(stop);
   options.iteration.tolerance = tolerance;
   options.iteration.max_iterations = max_iterations;
@@ -122,8 +126,11 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
       solution = rotavg::solve_robust(*priors, options, robust, std::move(R));
     }
   }
-  signals.rethrow();
+  // What has converged is not lost because its certificate was interrupted.
+  const bool interrupted = signals.is_keyboard_interrupt() && rotavg::is_converged(solution.status);
+  if (!interrupted) signals.rethrow();
   py::dict result = solution_dict(solution);
+  result["interrupted"] = interrupted;
   if (!plain) result["robust"] = robust_dict(solution);
   return result;
 }
@@ -195,9 +202,10 @@ void bind_solve(py::module_& m) {
         py::arg("start"), py::arg("seed"), py::arg("mu"), py::arg("accelerate"),
         py::arg("max_rank"), py::arg("stop"), py::arg("tolerance"), py::arg("max_iterations"),
         py::arg("time_limit"), py::arg("num_threads"), py::arg("certify"),
-        py::arg("certificate_tolerance"), py::arg("callback"), py::arg("loss"),
-        py::arg("loss_scale"), py::arg("cycle_threshold"), py::arg("priors").none(true),
-        py::arg("start_is_solution"));
+        py::arg("certificate_tolerance"), py::arg("certificate_failure_probability"),
+        py::arg("certificate_seed"), py::arg("certificate_max_flops"), py::arg("callback"),
+        py::arg("loss"), py::arg("loss_scale"), py::arg("cycle_threshold"),
+        py::arg("priors").none(true), py::arg("start_is_solution"));
   m.def("refine_anisotropic", &refine_anisotropic, py::arg("graph"), py::arg("information"),
         py::arg("rotations"), py::kw_only(), py::arg("tolerance"), py::arg("max_iterations"),
         py::arg("time_limit"), py::arg("num_threads"), py::arg("callback"),

@@ -30,10 +30,10 @@ from rotavg.graph.translations import RelativeTranslations
 from rotavg.io import read, read_rotations, write, write_covariances, write_edges
 from rotavg.priors.priors import Priors
 from rotavg.simulation.simulate import Simulation, simulate
-from rotavg.solving.certificate import Certificate, ComponentCertificate, Verdict
+from rotavg.solving.certificate import Certificate, ComponentCertificate, Shortfall, Verdict
 from rotavg.solving.positions import positions
 from rotavg.solving.robust import CycleEvidence, RobustFit, cycle_evidence
-from rotavg.solving.solution import Solution
+from rotavg.solving.solution import Interrupted, Solution
 from rotavg.solving.solve import certify, gradient, objective, solve
 from rotavg.solving.status import Status, Timings, Trace
 
@@ -48,6 +48,7 @@ __all__ = [
     "GraphError",
     "Hardness",
     "IncompleteWarning",
+    "Interrupted",
     "KnownRotations",
     "MeasurementGraph",
     "MissingExtraError",
@@ -56,6 +57,7 @@ __all__ = [
     "Progress",
     "RelativeTranslations",
     "RobustFit",
+    "Shortfall",
     "Simulation",
     "Solution",
     "SolverError",

@@ -1,11 +1,13 @@
 #include <cmath>
 #include <limits>
 #include <type_traits>
+#include <vector>
 
 #include <doctest/doctest.h>
 #include <Eigen/Core>
 
 #include <rotavg/linalg/block_cholesky.hpp>
+#include <rotavg/linalg/cholesky_rounding.hpp>
 
 #include "support/blocks.hpp"
 #include "support/dense.hpp"
@@ -107,4 +109,77 @@ TEST_CASE_TEMPLATE("what passes for positive definite is so up to rounding_trace
     REQUIRE(-lambda_min * B * n <= cholesky.rounding_trace());
   }
   CHECK(passed_though_negative > 0);  // or the test would say nothing
+}
+
+TEST_CASE_TEMPLATE("cholesky_rounding covers the true error, known before the factorisation", Size,
+                   One, Three, Four) {
+  constexpr int B = Size::value;
+  Random random;
+  INFO(random.replay());
+  for (int k = 0; k < 30; ++k) {
+    const Index n = 1 + random.below(120 / B);
+    const auto pairs =
+        n > 1 ? test::random_connected(random, n, random.below(3 * n)) : test::Pairs{};
+    MatrixXd A = test::random_symmetric<B>(random, n, pairs);
+    A.diagonal().array() += 1e-9 - test::dense_eigenvalues(A)(0);
+    // Rows of very different size, as weights make them.
+    Eigen::VectorXd scale(A.rows());
+    for (Index a = 0; a < n; ++a) {
+      scale.segment(B * a, B).setConstant(std::ldexp(1.0, random.below(40) - 20));
+    }
+    A = scale.asDiagonal() * A * scale.asDiagonal();  // exact
+    const auto sparse = test::sparse_blocks<B>(A);
+    const auto symbolic = test::analysed(random, sparse.pattern, random.coin());
+    BlockCholesky<B> cholesky(symbolic);
+    REQUIRE(cholesky.factorize(sparse.blocks) == CholeskyOutcome::positive_definite);
+
+    const LongMatrix L = test::dense_factor(cholesky).template cast<long double>();
+    const LongMatrix exact = test::permuted<B>(A, *symbolic).template cast<long double>();
+    const MatrixXd E = (L * L.transpose() - exact).cwiseAbs().template cast<double>();
+    const std::vector<double> bound = cholesky_rounding(*symbolic, B);
+    // diag(bound a) - E, scaled to a unit diagonal of A, has rows that are not negative.
+    for (Index i = 0; i < A.rows(); ++i) {
+      double sum = 0.0;
+      for (Index j = 0; j < A.rows(); ++j) {
+        sum += E(i, j) / std::sqrt(double(exact(i, i)) * double(exact(j, j)));
+      }
+      CAPTURE(B);
+      CAPTURE(n);
+      REQUIRE(sum <= bound[symbolic->node()[i / B]]);
+    }
+    for (const double entry : bound) {
+      const double size = static_cast<double>(A.rows());
+      REQUIRE(entry <= 1.2e-16 * (size + 2.0) * size);
+    }
+  }
+}
+
+TEST_CASE_TEMPLATE("what passes after the shift by cholesky_rounding is positive semidefinite",
+                   Size, One, Three) {
+  constexpr int B = Size::value;
+  Random random;
+  INFO(random.replay());
+  int passed_as_it_is = 0;
+  for (int k = 0; k < 300; ++k) {
+    const Index n = 2 + random.below(150 / B);
+    const double lambda_min = -std::ldexp(1.0, -30 - random.below(30));  // as above, a shift
+    const MatrixXd L = shifted_laplacian(random, n, 0.0);
+    MatrixXd A = MatrixXd::Zero(B * n, B * n);  // L (x) I
+    for (int c = 0; c < B; ++c) {
+      for (Index j = 0; j < n; ++j) {
+        for (Index i = 0; i < n; ++i) A(B * i + c, B * j + c) = L(i, j);
+      }
+    }
+    const auto symbolic = test::analysed(random, test::sparse_blocks<B>(A).pattern, random.coin());
+    BlockCholesky<B> cholesky(symbolic);
+    const auto as_it_is = cholesky.factorize(test::sparse_blocks<B>(A).blocks, lambda_min);
+    passed_as_it_is += as_it_is == CholeskyOutcome::positive_definite ? 1 : 0;
+    const std::vector<double> bound = cholesky_rounding(*symbolic, B);
+    for (Index i = 0; i < A.rows(); ++i) A(i, i) -= bound[i / B] * A(i, i);
+    CAPTURE(n);
+    CAPTURE(lambda_min);
+    REQUIRE(cholesky.factorize(test::sparse_blocks<B>(A).blocks, lambda_min) ==
+            CholeskyOutcome::not_positive_definite);
+  }
+  CHECK(passed_as_it_is > 0);  // or the test would say nothing
 }

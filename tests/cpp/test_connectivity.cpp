@@ -5,7 +5,6 @@
 
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/certify/connectivity.hpp>
-#include <rotavg/certify/min_eigenvalue.hpp>
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/solve/bcd.hpp>
@@ -29,9 +28,8 @@ struct Bounds {
     const CertificateMatrix S(sums, components, 0);
     connectivity = Connectivity(S).bound_by_factorization({});
     norm = Connectivity(S).bound_by_norm({});
-    positive_eigenvalue = bound_by_positive_eigenvalue(S, {});
   }
-  ComponentBound connectivity, norm, positive_eigenvalue;
+  ComponentBound connectivity, norm;
 };
 
 bool is_known(const ComponentBound& bound) { return bound.method != CertificateMethod::none; }
@@ -64,8 +62,7 @@ TEST_CASE("what the connectivity proves is true, at stationary points and elsewh
           test::dense_eigenvalues(test::dense_certificate_matrix(graph, R))(0);
       // What the norm proves the factorisation proves, too.
       if (is_known(bounds.norm)) CHECK(is_known(bounds.connectivity));
-      for (const ComponentBound& bound :
-           {bounds.connectivity, bounds.norm, bounds.positive_eigenvalue}) {
+      for (const ComponentBound& bound : {bounds.connectivity, bounds.norm}) {
         if (!is_known(bound)) {
           ++refusals;
           continue;
@@ -136,7 +133,6 @@ TEST_CASE("none speaks for a stationary point that is not the optimum") {
     const Bounds bounds(ring, test::twisted(n, 1));
     CHECK_FALSE(is_known(bounds.connectivity));
     CHECK_FALSE(is_known(bounds.norm));
-    CHECK_FALSE(is_known(bounds.positive_eigenvalue));
   }
   // Local minima of noisy sparse graphs.
   int others = 0;
@@ -153,7 +149,6 @@ TEST_CASE("none speaks for a stationary point that is not the optimum") {
     const Bounds bounds(graph, end.rotations);
     CHECK_FALSE(is_known(bounds.connectivity));
     CHECK_FALSE(is_known(bounds.norm));
-    CHECK_FALSE(is_known(bounds.positive_eigenvalue));
   }
   CHECK(others > 5);
 }

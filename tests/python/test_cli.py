@@ -58,7 +58,8 @@ def test_solve_prints_one_json_object(graph_file: Path) -> None:
     assert result["components"] == 1
     assert result["status"] == "gradient_converged"
     assert set(result["certificate"]) == {
-        "verdict", "lambda_min", "gap", "relative_gap", "method",
+        "verdict", "lambda_min", "gap", "relative_gap", "method", "failure_probability",
+        "shortfall", "tolerance", "sentence",
     }  # fmt: skip
     assert set(result["seconds"]) == {"read", "init", "solve", "certify", "total"}
     expected = rotavg.solve(rotavg.read(graph_file))
@@ -133,7 +134,29 @@ def test_too_little_memory_is_told(tmp_path: Path) -> None:
 def test_certificate_tolerance(graph_file: Path) -> None:
     done = run("solve", graph_file, "--certificate-tolerance", "0", "--json")
     assert done.returncode == 1
-    assert json.loads(done.stdout)["certificate"]["verdict"] == "not_certified"
+    certificate = json.loads(done.stdout)["certificate"]
+    assert certificate["verdict"] == "not_certified"
+    assert certificate["shortfall"] == "leftover"
+    assert certificate["sentence"].startswith("optimal to a relative ")
+    assert "; the tolerance is 0 (" in certificate["sentence"]
+    assert "--certificate-tolerance" in certificate["sentence"]
+    done = run("solve", graph_file, "--certificate-tolerance", "0")
+    assert done.stdout.startswith("Not certified: 100 rotations")
+    assert certificate["sentence"] in done.stdout
+
+
+def test_the_limits_of_the_proof(graph_file: Path) -> None:
+    by_start = ["solve", graph_file, "--json", "--certificate-max-flops", "0"]
+    done = run(*by_start, "--certificate-seed", "7")
+    certificate = json.loads(done.stdout)["certificate"]
+    assert (done.returncode, certificate["method"]) == (0, "random_start")
+    assert certificate["failure_probability"] == 1e-12
+    assert certificate["sentence"] == "proved globally optimal but for a probability of 1e-12"
+    done = run(*by_start, "--certificate-failure-probability", "0")
+    certificate = json.loads(done.stdout)["certificate"]
+    assert (certificate["verdict"], certificate["method"]) == ("estimated", "eigenvalue")
+    done = run(*by_start, "--certificate-failure-probability", "1")
+    assert done.returncode == 2
 
 
 def test_accelerate_takes_fewer_iterations(graph_file: Path) -> None:

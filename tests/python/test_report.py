@@ -146,9 +146,39 @@ def solved() -> rotavg.Solution:
         ({}, {"verdict": rotavg.Verdict.NOT_CERTIFIED}, "failed", "Not certified: other rotations"),
         (
             {},
-            {"verdict": rotavg.Verdict.NOT_CERTIFIED, "method": "none", "gap": np.inf},
+            {
+                "verdict": rotavg.Verdict.NOT_CERTIFIED,
+                "shortfall": rotavg.Shortfall.STOPPED,
+                "gap": np.inf,
+            },
             "open",
-            "no time left for a proof",
+            "Converged, but stopped before the",
+        ),
+        (
+            {},
+            {
+                "verdict": rotavg.Verdict.NOT_CERTIFIED,
+                "shortfall": rotavg.Shortfall.LEFTOVER,
+                "relative_gap": 1.8e-6,
+            },
+            "open",
+            "Optimal to a relative 1.8e-06; the tolerance is 1e-06.",
+        ),
+        (
+            {},
+            {
+                "verdict": rotavg.Verdict.NOT_CERTIFIED,
+                "shortfall": rotavg.Shortfall.UNDECIDED,
+                "gap": np.inf,
+            },
+            "open",
+            "Converged; nothing was established",
+        ),
+        (
+            {},
+            {"method": "random_start", "failure_probability": 1e-12},
+            "proved",
+            "Proved, but for a probability of 1e-12: no other",
         ),
         (
             {"status": rotavg.Status.TIME_LIMIT},

@@ -105,7 +105,7 @@ def _rows(found: Reconstruction) -> list[tuple[str, str]]:
         ("left out", f"{found.dropped} pairs that contradict them"),
     ]
     if solution.certificate is not None:
-        rows.insert(1, ("verdict", solution.certificate.verdict.sentence))
+        rows.insert(1, ("verdict", solution.certificate.sentence))
     for model in found.models:
         text = f"{model.images} images, {model.points} points, mean reprojection error "
         rows.append((f"model {model.path.name}", f"{text}{model.reprojection_error:.3g} pixels"))

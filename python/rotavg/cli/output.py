@@ -68,7 +68,9 @@ def print_solution(solution: rotavg.Solution) -> None:
     """Print what `print(solution)` does; on terminals the verdict stands out."""
     text = Text(str(solution))
     text.highlight_regex(r"(?m)^  \w+", "dim")
-    text.highlight_regex(r"\A(Not solved|Solved)", "bold green" if solution.solved else "bold red")
+    text.highlight_regex(
+        r"\A(Not solved|Not certified|Solved)", "bold green" if solution.solved else "bold red"
+    )
     # rich styles a group of the match by the group's name.
     text.highlight_regex(rf"(?m)^  verdict +(?P<{_verdict_style(solution.certificate)}>.+)")
     rendered = io.StringIO()

@@ -44,6 +44,10 @@ from rotavg.report import Run, check_report, write_report
         "Anisotropic noise": ("anisotropic",),
         "Outliers": ("loss", "loss_scale", "cycle_threshold"),
         "When to stop": ("tolerance", "stop", "max_iterations", "time_limit"),
+        "Certificate": (
+            *("certificate_tolerance", "certificate_failure_probability"),
+            *("certificate_seed", "certificate_max_flops", "no_certify"),
+        ),
     },
     epilog="Exit status: 0 solved (certified, or converged with --no-certify), 1 not solved, "
     "2 bad input or usage, 130 interrupted.",
@@ -132,6 +136,19 @@ from rotavg.report import Run, check_report, write_report
     1e-6,
     "Largest relative gap that is called optimal.",
 )
+@number(
+    "--certificate-failure-probability",
+    click.FloatRange(0, 1, max_open=True),
+    1e-12,
+    "Chance of being wrong that a proof may have where one without costs much more; 0: none.",
+)
+@number("--certificate-seed", click.IntRange(0), 0, "Seed of such a proof.")
+@number(
+    "--certificate-max-flops",
+    click.FloatRange(0),
+    1e12,
+    "No factorisation of the proof takes more operations.",
+)
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
 @options.reading
 @options.output_solution
@@ -205,12 +222,16 @@ def solve(
     settings["priors"] = read_priors(graph, fixed_path, gravity_path, gravity_weight)
     if isinstance(settings["init"], Path):
         settings["init"] = read_start(graph, settings["init"])
+    interrupted = False
     with progress(settings["tolerance"], settings["stop"], not no_certify) as callback:
-        solution = rotavg.solve(
-            graph, num_threads=threads, certify=not no_certify, callback=callback, **settings
-        )
+        try:
+            solution = rotavg.solve(
+                graph, num_threads=threads, certify=not no_certify, callback=callback, **settings
+            )
+        except rotavg.Interrupted as stop:  # while certifying: what has converged is kept
+            solution, interrupted = stop.solution, True
     try:
-        if covariances_path is not None:
+        if covariances_path is not None and not interrupted:
             with working("computing covariances"):
                 rotavg.write_covariances(covariances_path, solution, noise_variance=noise_variance)
     finally:  # what was solved is written, whether it has covariances or not
@@ -230,6 +251,8 @@ def solve(
                 click.echo(f"wrote {path}", err=True)
         if output is not None:
             print_solution_losses(output, solution, output_format)
+    if interrupted:
+        raise KeyboardInterrupt
     return 0 if solution.solved else 1
 
 

@@ -33,7 +33,7 @@ from rotavg.io.rounding import MATRIX_TOLERANCE, matrix_notes
 _FIGURES = (
     "objective", "gradient_norm", "status", "iterations", "component", "residual_angles",
     "edge_weights", "certificate.verdict", "certificate.lambda_min", "certificate.gap",
-    "certificate.relative_gap", "certificate.method",
+    "certificate.relative_gap", "certificate.method", "certificate.failure_probability",
 )  # fmt: skip
 # RuntimeError: there is a password, or a compression that Python does not know.
 _UNREADABLE = (

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotavg.solving.certificate import Certificate, Verdict
+from rotavg.solving.certificate import Certificate, Shortfall, Verdict
 from rotavg.solving.solution import Solution
 
 
@@ -30,6 +30,7 @@ _PROOFS = {
     "connectivity": "the graph's connectivity, which outweighs the residuals",
     "relaxation": "the optimum of the relaxation, which no rotations can beat",
     "nonnegativity": "the objective itself, which is zero to the tolerance and cannot be negative",
+    "random_start": "an iteration from a random start, which no negative eigenvalue would pass",
 }
 
 
@@ -42,9 +43,14 @@ def statement(solution: Solution) -> Statement:
     priors = "" if solution.grounded is None else " and priors"
     if certificate.verdict == Verdict.PROVED:
         how = _PROOFS.get(certificate.method, certificate.method)
+        chance = (
+            f", but for a probability of {certificate.failure_probability:.2g}"
+            if certificate.failure_probability > 0
+            else ""
+        )
         return Statement(
             "proved",
-            f"Proved{held}: no other rotations fit these measurements{priors} better.",
+            f"Proved{held}{chance}: no other rotations fit these measurements{priors} better.",
             (
                 f"{_gap(certificate)}, by {how}, with rounding accounted for.",
                 *_reservations(solution),
@@ -76,7 +82,7 @@ def _refined(solution: Solution, start: Certificate | None) -> Statement:
     ]
     if start is not None:
         held = ", for the final weights of the edges" if is_reweighted(solution) else ""
-        sentence = f"{start.verdict.sentence}{held}"
+        sentence = f"{start.sentence}{held}"
         details.append(f"It started from the answer with one weight for each edge: {sentence}.")
     if solution.status.converged:
         headline = "Converged to a local minimum; global optimality unknown."
@@ -89,10 +95,32 @@ def _not_certified(solution: Solution, certificate: Certificate) -> Statement:
     if not solution.status.converged:
         headline = f"Not solved: {solution.status}."
         return Statement("failed", headline, (*bound, "Let it run longer, or try another method."))
-    if certificate.method == "none":
-        headline = "Converged, but there was no time left for a proof."
+    if certificate.shortfall == Shortfall.STOPPED:
+        headline = "Converged, but stopped before the certificate."
         return Statement("open", headline, bound)
-    if certificate.method == "relaxation":
+    if certificate.shortfall == Shortfall.UNDECIDED:
+        return Statement(
+            "open",
+            "Converged; nothing was established of its optimality.",
+            (
+                *bound,
+                "The graph is too large, or its bottlenecks too narrow, for the ways to prove.",
+            ),
+        )
+    if certificate.shortfall == Shortfall.LEFTOVER:
+        return Statement(
+            "open",
+            f"Optimal to a relative {certificate.relative_gap:.2g}; the tolerance is "
+            f"{certificate.tolerance:g}.",
+            (
+                *bound,
+                "Nothing better lies elsewhere: the certificate's matrix is positive. What is "
+                "left is the distance to the optimum of which these rotations are near: a smaller "
+                "tolerance of the iteration makes it smaller, and a larger one of the certificate "
+                "(--certificate-tolerance) accepts it.",
+            ),
+        )
+    if certificate.shortfall == Shortfall.RELAXATION:
         return Statement(
             "failed",
             "Not certified: the measurements are too noisy for a proof of this kind.",

@@ -171,7 +171,8 @@ class Solution:
 
     def __str__(self) -> str:
         n, m = self.graph.num_nodes, self.graph.num_edges
-        head = "Solved" if self.solved else "Not solved:"
+        uncertified = self.certificate is not None and self.status.converged
+        head = "Solved" if self.solved else "Not certified:" if uncertified else "Not solved:"
         lines = [f"{head} {n} rotations from {m} relative rotations, {self.timings.total:.3g} s"]
         lines += [f"  {name:<12}{text}" for name, text in self._rows()]
         return "\n".join(lines)
@@ -182,7 +183,7 @@ class Solution:
         rows = [("status", str(self.status))]
         if self.isotropic is not None:
             start = self.isotropic.certificate
-            of_start = "" if start is None else f" (where it started: {start.verdict.sentence})"
+            of_start = "" if start is None else f" (where it started: {start.sentence})"
             rows.append(("verdict", f"locally optimal, not certified{of_start}"))
         elif self.certificate is None:
             rows.append(("verdict", "not asked for"))
@@ -224,18 +225,9 @@ class Solution:
         return rows
 
     def _verdict_sentence(self, c: Certificate) -> str:
-        if c.verdict != Verdict.NOT_CERTIFIED:
-            held = "" if self.robust is None else ", for the final weights of the edges"
-            return c.verdict.sentence + held
-        if c.method == "none":
-            return "not certified: the work was stopped before the proof"
-        if not self.status.converged:
+        if c.verdict == Verdict.NOT_CERTIFIED and not self.status.converged:
             return "not certified: not converged yet"
-        if c.method == "relaxation":
-            return (
-                "not certified: the relaxation lies below, so that the gap may be smaller than told"
-            )
-        return c.verdict.sentence
+        return c.sentence + ("" if self.robust is None else ", for the final weights of the edges")
 
     def __repr__(self) -> str:
         verdict = "no certificate" if self.certificate is None else str(self.certificate.verdict)
@@ -243,3 +235,15 @@ class Solution:
             f"Solution({self.graph.num_nodes} rotations, objective {self.objective:.9g}, "
             f"{self.status.name.lower()}, {verdict})"
         )
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C after the iteration had converged, before its certificate was there.
+
+    Attributes:
+        solution: what had been reached; its certificate says that it is missing.
+    """
+
+    def __init__(self, solution: Solution) -> None:
+        super().__init__("interrupted before the certificate was there")
+        self.solution = solution

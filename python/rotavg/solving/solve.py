@@ -18,7 +18,7 @@ from rotavg.solving import options
 from rotavg.solving.anisotropic import refined
 from rotavg.solving.certificate import Certificate, ComponentCertificate
 from rotavg.solving.robust import Loss, RobustFit
-from rotavg.solving.solution import Solution
+from rotavg.solving.solution import Interrupted, Solution
 from rotavg.solving.status import Status, Timings, Trace
 from rotavg.solving.warm_start import warm_start
 
@@ -49,6 +49,9 @@ def solve(
     max_rank: int = 10,
     seed: int = 0,
     certificate_tolerance: float = 1e-6,
+    certificate_failure_probability: float = 1e-12,
+    certificate_seed: int = 0,
+    certificate_max_flops: float = 1e12,
     loss: Loss = "l2",
     loss_scale: float | Literal["auto"] = "auto",
     cycle_threshold: float | None = None,
@@ -97,6 +100,12 @@ def solve(
         max_rank: how many dimensions the staircase may climb to; below 5 it is not used.
         seed: of the "random" initial value.
         certificate_tolerance: the largest relative gap that is called optimal.
+        certificate_failure_probability: how large a chance of being wrong a proof may have where
+            one without would cost much more (`Certificate.failure_probability`,
+            docs/certificate.md); 0 for none: then there may only be an estimate.
+        certificate_seed: of the random start of such a proof; another one draws anew.
+        certificate_max_flops: no factorisation of the proof takes more operations (of some 1e10 a
+            second) than this.
         loss: "l2", or for data with outliers "auto" (the choice for most), "huber", "l1",
             "l_half", "cauchy", "geman_mcclure" or "tls" (truncated least squares), of the chord
             2 sin(angle / 2) of every residual angle.
@@ -118,7 +127,9 @@ def solve(
         GraphError: initial rotations that are not rotations, a Solution that has no node of the
             graph, or priors that do not fit the graph.
         SolverError: the dense matrix of "bcdsr" does not fit in memory.
-        KeyboardInterrupt: on Ctrl-C, within a fraction of a second.
+        KeyboardInterrupt: on Ctrl-C, within a fraction of a second. Where the iteration had
+            converged, and only the certificate was to come, it is an Interrupted, which holds the
+            solution.
     """
     start, origin = None, None
     if isinstance(init, Solution):
@@ -142,6 +153,13 @@ def solve(
         "certify": bool(certify),
         "certificate_tolerance": options.nonnegative(
             "certificate_tolerance", certificate_tolerance
+        ),
+        "certificate_failure_probability": options.probability(
+            "certificate_failure_probability", certificate_failure_probability
+        ),
+        "certificate_seed": options.whole("certificate_seed", certificate_seed, 0, 2**64 - 1),
+        "certificate_max_flops": options.nonnegative(
+            "certificate_max_flops", certificate_max_flops
         ),
         "callback": options.function(callback),
         "loss": options.word("loss", loss),
@@ -174,11 +192,13 @@ def solve(
         init=origin or core["init"],
         trace=Trace(**{name: read_only(values) for name, values in core["trace"].items()}),
         timings=Timings(**core["seconds"]),
-        certificate=_certificate(core["certificate"]),
+        certificate=_certificate(core["certificate"], settings["certificate_tolerance"]),
         component=read_only(core["component"]),
         robust=RobustFit.from_core(core["robust"]) if "robust" in core else None,
         grounded=grounded,
     )
+    if core["interrupted"]:
+        raise Interrupted(solution)
     return refined(solution, settings) if anisotropic else solution
 
 
@@ -188,6 +208,9 @@ def certify(
     *,
     priors: Priors | None = None,
     tolerance: float = 1e-6,
+    failure_probability: float = 1e-12,
+    seed: int = 0,
+    max_flops: float = 1e12,
     time_limit: float | None = None,
     num_threads: int | None = None,
 ) -> Certificate:
@@ -199,6 +222,10 @@ def certify(
         priors: what is known beforehand: then the rotations are in the world of the priors, and the
             bound is that of the problem with them.
         tolerance: the largest relative gap that is called optimal.
+        failure_probability: how large a chance of being wrong a proof may have where one without
+            would cost much more; 0 for none: then there may only be an estimate.
+        seed: of the random start of such a proof.
+        max_flops: no factorisation takes more operations than this.
         time_limit: limit in seconds; the verdict is "not_certified" where it is hit.
         num_threads: None for all processors.
 
@@ -213,10 +240,14 @@ def certify(
             _core.certify,
             _node_rotations(graph, rotations, "rotations"),
             tolerance=options.nonnegative("tolerance", tolerance),
+            failure_probability=options.probability("failure_probability", failure_probability),
+            seed=options.whole("seed", seed, 0, 2**64 - 1),
+            max_flops=options.nonnegative("max_flops", max_flops),
             time_limit=options.seconds(time_limit),
             num_threads=options.threads(num_threads),
             priors=None if grounded is None else grounded.core,
-        )
+        ),
+        tolerance,
     )
     assert certificate is not None
     return certificate
@@ -235,11 +266,11 @@ def gradient(graph: MeasurementGraph, rotations: ArrayLike) -> NDArray[np.float6
     return _call_core(graph, _core.gradient, _node_rotations(graph, rotations, "rotations"))
 
 
-def _certificate(core: dict[str, Any]) -> Certificate | None:
+def _certificate(core: dict[str, Any], tolerance: float) -> Certificate | None:
     if core["verdict"] == "not_run":
         return None
     components = (ComponentCertificate(**part) for part in core["components"])
-    return Certificate(**{**core, "components": tuple(components)})
+    return Certificate(**{**core, "tolerance": tolerance, "components": tuple(components)})
 
 
 def _call_core(

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <functional>
 #include <limits>
 #include <vector>
 
@@ -20,19 +19,19 @@ class Elimination;
 
 enum class Verdict {
   not_run,
-  proved,         ///< the gap is below the tolerance, by a proof
+  proved,         ///< the gap is below the tolerance, by a proof (see failure_probability)
   estimated,      ///< the gap is below the tolerance, by an eigenvalue estimate
   not_certified,  ///< the gap is above the tolerance, or unknown
 };
 
-struct CertificateOptions {
-  /// Largest relative gap that is called optimal.
-  double tolerance = 1e-6;
-  /// Where a factorisation would take more operations than this, the smallest eigenvalue is
-  /// estimated instead.
-  double max_factorization_flops = 5e10;
-  int num_threads = 0;
-  std::function<bool()> keep_going;  ///< asked every few milliseconds; false stops
+/// What keeps a certificate from the tolerance.
+enum class Shortfall {
+  none,
+  leftover,    ///< S is positive: R is near the optimum, steps towards it or less rounding would do
+  negative,    ///< S has a negative eigenvalue: R is not the optimum, or the relaxation not tight
+  relaxation,  ///< the gap is the distance to the optimum of the relaxation, which was met
+  undecided,   ///< nothing was proved, nor refuted
+  stopped,     ///< by keep_going, before anything was
 };
 
 /// How far the objective at R can be from the global optimum (Theorem 1, and beyond it for points
@@ -45,10 +44,14 @@ struct ComponentCertificate {
   double lambda_min = 0.0;
   /// f(R) - f* <= gap.
   double gap = std::numeric_limits<double>::infinity();
-  /// gap / max(f, 1e-6 sum w). Below a root mean square residual of 1e-3 the criterion is absolute:
-  /// rounding alone keeps any proof from resolving smaller objectives. (No edge's w counts for more
-  /// than 1000 times the lightest.)
+  /// gap / max(f, 1e-20 sum w). Below a root mean square residual of 1e-10 rad the criterion is
+  /// absolute: the measurements themselves are rounded. (No edge's w counts for more than 1000
+  /// times the lightest.)
   double relative_gap = std::numeric_limits<double>::infinity();
+  /// The chance that the proof is wrong: zero of all but CertificateMethod::random_start. Of
+  /// several components, their sum.
+  double failure_probability = 0.0;
+  Shortfall shortfall = Shortfall::none;  ///< of several components, of the worst
 };
 
 /// The certificate of a graph: the gap over all components, and for all else the worst of them.

@@ -3,16 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <functional>
 #include <limits>
 #include <vector>
 
 #include <rotavg/certify/bound.hpp>
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/certify/certificate_matrix.hpp>
-#include <rotavg/certify/connectivity.hpp>
-#include <rotavg/certify/factorization.hpp>
-#include <rotavg/certify/min_eigenvalue.hpp>
+#include <rotavg/certify/component_bound.hpp>
 #include <rotavg/compiled.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
@@ -30,6 +27,10 @@ namespace rotavg {
 
 namespace detail {
 
+/// Of the sum of weights: an objective that is 1e-6 of this, with residuals of 1e-13 rad, is zero
+/// to the rounding of measurements and rotations.
+constexpr double objective_floor = 1e-20;
+
 /// What the gap of one component is held against.
 struct Measure {
   double objective = 0.0;  ///< its part of f(R), plus what rounding can have taken away
@@ -37,11 +38,16 @@ struct Measure {
   /// Sum of w, where no edge counts for more than 1000 times the lightest: or a few heavy edges
   /// would hide all that the others say.
   double weight = 0.0;
+  double total_weight = 0.0;
 
-  double relative(double gap) const {
-    const double floor = 1e-6 * weight;
-    return gap / (objective < floor ? floor : objective);  // NaN where the objective is
+  /// What a gap is relative to; NaN where the objective is.
+  double scale() const {
+    const double floor = objective_floor * weight;
+    return objective < floor ? floor : objective;
   }
+  double relative(double gap) const { return gap / scale(); }
+  /// The mean square of the residuals, as good as.
+  double noise() const { return (objective + constant) / total_weight; }
 };
 
 inline std::vector<Measure> measure_components(const ResidualQuaternions& residuals,
@@ -55,7 +61,7 @@ inline std::vector<Measure> measure_components(const ResidualQuaternions& residu
     const Index c = components.label[graph.quaternion_edges()[k].i];
     const Vector4& e = residuals()[k];
     const double weight = e.squaredNorm();
-    measures[c].weight += weight;
+    measures[c].total_weight += weight;
     lightest[c] = std::min(lightest[c], weight);
     if (pair == gravity.first.end() || k < *pair) {
       measures[c].objective += 8.0 * e.head<3>().squaredNorm();
@@ -67,7 +73,8 @@ inline std::vector<Measure> measure_components(const ResidualQuaternions& residu
     }
   }
   for (Measure& measure : measures) {
-    measure.objective += objective_rounding(measure.weight, measure.objective);
+    measure.objective += objective_rounding(measure.total_weight, measure.objective);
+    measure.weight = measure.total_weight;
   }
   constexpr double most = 1000.0;
   if (graph.max_weight() <= most * graph.min_weight()) return measures;
@@ -77,36 +84,6 @@ inline std::vector<Measure> measure_components(const ResidualQuaternions& residu
     measures[c].weight += std::min(residuals()[k].squaredNorm(), most * lightest[c]);
   }
   return measures;
-}
-
-inline ComponentBound bound_component(const CertificateMatrix& S, Elimination& elimination,
-                                      const CertificateOptions& options) {
-  const double limit = options.max_factorization_flops;
-  constexpr double not_worth_it = 1e9;
-  const auto stopped = [&] { return options.keep_going && !options.keep_going(); };
-  // The connectivity first, where the whole factorisation is not quick: near complete graphs before
-  // that is even analysed; elsewhere where it takes no longer than the limit, and less than a
-  // quarter of the whole.
-  const double flops = Connectivity::flops(S.num_nodes());
-  if (27.0 * flops > not_worth_it && Connectivity::is_near_complete(S)) {
-    const ComponentBound bound = Connectivity(S).bound_by_norm(options.keep_going);
-    if (bound.method == CertificateMethod::connectivity || stopped()) return bound;
-  }
-  if (flops <= limit && elimination.flops(3, limit) > std::max(4.0 * flops, not_worth_it)) {
-    const ComponentBound bound = Connectivity(S).bound_by_factorization(options.keep_going);
-    if (bound.method == CertificateMethod::connectivity || stopped()) return bound;
-  }
-  if (elimination.flops(3, limit) > limit) {
-    const ComponentBound bound = bound_by_positive_eigenvalue(S, options.keep_going);
-    if (bound.method == CertificateMethod::eigenvalue) return bound;
-    return bound_by_eigenvalue(S, options.keep_going);
-  }
-  BlockCholesky<3> cholesky(elimination.symbolic());
-  const auto outcome = cholesky.factorize(S.blocks(elimination), 0.0, options.keep_going);
-  if (outcome == CholeskyOutcome::stopped) return {};
-  return outcome == CholeskyOutcome::positive_definite
-             ? bound_by_grounded_factorization(S, cholesky, options.keep_going)
-             : bound_certificate_matrix(S, limit, options.keep_going);
 }
 
 /// The larger of two numbers; NaN if one of them is.
@@ -125,14 +102,23 @@ inline ComponentCertificate certify_component(const ComponentBound& bound, const
   certificate.method = bound.method;
   certificate.gap = bound.gap;
   certificate.lambda_min = bound.lambda_min > 0.0 ? 0.0 : bound.lambda_min;  // as N^T S N = 0
+  certificate.failure_probability = bound.failure_probability;
   const double least = std::max(0.0, known.value - measure.constant);
   const double gap = measure.objective - least;
   // A known bound is the better proof where it leaves nothing to gain.
   const bool nothing_left = measure.relative(gap) <= tolerance && known.method < bound.method;
   if (nothing_left || !(bound.gap < gap)) certificate.gap = gap;
   if (nothing_left || (least > 0.0 && !(bound.gap < gap))) certificate.method = known.method;
+  if (certificate.method != bound.method) certificate.failure_probability = 0.0;
   certificate.relative_gap = measure.relative(certificate.gap);
   certificate.verdict = verdict_of(certificate, tolerance);
+  if (certificate.verdict == Verdict::not_certified) {
+    certificate.shortfall = certificate.method == CertificateMethod::relaxation
+                                ? Shortfall::relaxation
+                            : bound.is_definite      ? Shortfall::leftover
+                            : bound.lambda_min < 0.0 ? Shortfall::negative
+                                                     : Shortfall::undecided;
+  }
   return certificate;
 }
 
@@ -146,7 +132,8 @@ ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations
                                   const GravityPairs& gravity) {
   const int num_threads = resolve_num_threads(options.num_threads, graph.num_edges());
 
-  const ResidualQuaternions residuals(graph, to_quaternions(R), num_threads);
+  const Quaternions q = to_quaternions(R);
+  const ResidualQuaternions residuals(graph, q, num_threads);
   const NodeSums sums(residuals);
   const auto measures = detail::measure_components(residuals, components, gravity);
   Certificate certificate;
@@ -157,18 +144,26 @@ ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations
     if (components.nodes[c].size() < 2) {  // every rotation is optimal
       part = {Verdict::proved, CertificateMethod::factorization, 0.0, 0.0, 0.0};
     } else {
+      const CertificateMatrix S(sums, components, c);
+      const double resolution = measures[c].scale() * options.tolerance;
       const ComponentBound bound =
-          detail::bound_component(CertificateMatrix(sums, components, c), eliminations[c], options);
+          ComponentBounds(S, q, eliminations[c], resolution, measures[c].noise(), options)();
       part = detail::certify_component(bound, known.empty() ? LowerBound{} : known[c], measures[c],
                                        options.tolerance);
     }
     certificate.method = std::max(certificate.method, part.method);
     certificate.gap += part.gap;
+    if (!(part.relative_gap <= certificate.relative_gap)) certificate.shortfall = part.shortfall;
     certificate.relative_gap = detail::larger(certificate.relative_gap, part.relative_gap);
+    certificate.failure_probability += part.failure_probability;
     certificate.lambda_min = -detail::larger(-certificate.lambda_min, -part.lambda_min);
     certificate.components.push_back(part);
   }
   certificate.verdict = detail::verdict_of(certificate, options.tolerance);
+  const bool stopped = options.keep_going && !options.keep_going();
+  if (stopped && certificate.shortfall == Shortfall::undecided) {
+    certificate.shortfall = Shortfall::stopped;
+  }
   return certificate;
 }
 

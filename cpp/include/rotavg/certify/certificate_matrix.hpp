@@ -12,6 +12,7 @@
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
+#include <rotavg/linalg/cholesky_rounding.hpp>
 #include <rotavg/problem/connection.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/so3/lie.hpp>
@@ -112,6 +113,28 @@ class CertificateMatrix {
     return Y;
   }
 
+  /// (S - kappa L (x) I) X, L the scalar Laplacian; edge by edge, on one thread.
+  Eigen::MatrixXd apply_less_laplacian(const Eigen::MatrixXd& X, double kappa) const {
+    Eigen::MatrixXd Y(X.rows(), X.cols());
+    for (Index a = 0; a < num_nodes(); ++a) {
+      Matrix3 block = diagonal(a);
+      block.diagonal().array() -= kappa * graph().degree(nodes_[a]);
+      Y.middleRows<3>(3 * a) = block.lazyProduct(X.middleRows<3>(3 * a));
+    }
+    const auto& edges = graph().quaternion_edges();
+    for (std::size_t k = 0; k < edges.size(); ++k) {
+      if (components_.label[edges[k].i] != component_) continue;
+      const Vector4& e = residuals()()[k];
+      const Index i = components_.row_in_component[edges[k].i];
+      const Index j = components_.row_in_component[edges[k].j];
+      Matrix3 block = weighted_rotation(Quaternion(e));
+      block.diagonal().array() -= kappa * e.squaredNorm();
+      Y.middleRows<3>(3 * i) -= block.lazyProduct(X.middleRows<3>(3 * j));
+      Y.middleRows<3>(3 * j) -= block.transpose().lazyProduct(X.middleRows<3>(3 * i));
+    }
+    return Y;
+  }
+
   /// D^-1 X, every node's rows divided by its degree: a preconditioner close to S^-1 on graphs that
   /// are so dense that S cannot be factorised.
   Eigen::MatrixXd divide_by_degree(Eigen::MatrixXd X) const {
@@ -144,12 +167,45 @@ class CertificateMatrix {
   /// stands in S twice: 742 u w for every edge, half of it at each end. A diagonal block, a sum of
   /// q terms, adds 3 (q + 64) u deg_i.
   double rounding_trace() const {
-    constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
     double sum = 0.0;
     for (const Index i : nodes_) {
       sum += (3.0 * (graph().row(i).size() + 64.0) + 371.0) * graph().degree(i);
     }
-    return unit * sum;
+    return unit_roundoff * sum;
+  }
+
+  /// How far rounding in the blocks can have moved S - kappa L (x) I, kappa <= 1/2, as a quadratic
+  /// form: by at most sum_a block_rounding(a) |x_a|^2.
+  ///
+  /// The measurements are the rotations of the stored quaternions, the point that of the q_i. Then
+  /// e carries an error of 32 u sqrt(w) (two products of 8 u, the lengths of three quaternions), E
+  /// one of 64 u w and 9 u w for its entries, its kappa |e|^2 another 37 u w; parallel edges add u
+  /// w each. A diagonal block, deg I - kappa deg I - 2 sum (|v|^2 I - v v^T), carries 8 u w of the
+  /// errors of |v|, 32 each, and 30 u w of their evaluation for every edge, and 7 q u deg of its q
+  /// additions. (|2 x_i . X x_j| <= |X| (|x_i|^2 + |x_j|^2).)
+  double block_rounding(Index a) const {
+    const Index i = nodes_[a];
+    return unit_roundoff * (7.0 * graph().row(i).size() + 400.0) * graph().degree(i);
+  }
+
+  /// How far the computed leftover can be from the true one, dK, in two parts. Of the errors of e
+  /// every edge adds some d at one end and -d at the other, |hat(d)|_F <= 91 u w: those are
+  /// bounded by |d|^2 / w, summed over the edges.
+  double leftover_edge_rounding() const {
+    double degrees = 0.0;
+    for (const Index i : nodes_) degrees += graph().degree(i);
+    constexpr double relative = 91.0 * unit_roundoff;
+    return relative * relative * 0.5 * degrees;
+  }
+  /// The other part, of the additions at a node, bounded by |dK_a|_F^2. It is small where the
+  /// residuals are: sum_j |s| |v| <= sqrt(deg f_a), and tr(Lambda_a) = 3 deg - 4 f_a with f_a = sum
+  /// |v|^2.
+  double leftover_node_rounding(Index a) const {
+    const Index i = nodes_[a];
+    const double degree = graph().degree(i), additions = graph().row(i).size() + 3.0;
+    const double squares = std::max(0.25 * (3.0 * degree - diagonal(a).trace()), 0.0);
+    const double relative = 2.0 * std::sqrt(2.0) * unit_roundoff * additions;
+    return relative * relative * degree * (squares + block_rounding(a));
   }
 
   double max_degree() const {
@@ -158,11 +214,37 @@ class CertificateMatrix {
     return largest;
   }
 
+  /// Both parts together, |dK_a|_F^2.
+  double leftover_rounding(Index a) const {
+    const double edges = 91.0 * unit_roundoff * graph().degree(nodes_[a]);
+    return std::pow(edges + std::sqrt(leftover_node_rounding(a)), 2);
+  }
+
   /// S without the nodes that the elimination skips.
   BlockCholesky<3>::Blocks blocks(Elimination& elimination) const {
     return elimination.assemble<3>(
         [this](Index i) -> const Matrix3& { return sums_.diagonal(i); },
         [this](Index k) -> Matrix3 { return -weighted_rotation(Quaternion(residuals()()[k])); });
+  }
+
+  /// S - kappa L (x) I - diag(shift) without the nodes that the elimination skips, L the scalar
+  /// Laplacian.
+  /// @param shift one number for each row of the elimination
+  BlockCholesky<3>::Blocks blocks(Elimination& elimination, double kappa,
+                                  const std::vector<double>& shift) const {
+    return elimination.assemble<3>(
+        [&](Index i) -> Matrix3 {
+          const Index row = components_.row_in_component[i] - elimination.skipped();
+          Matrix3 block = sums_.diagonal(i);
+          block.diagonal().array() -= kappa * graph().degree(i) + shift[row];
+          return block;
+        },
+        [&](Index k) -> Matrix3 {
+          const Vector4& e = residuals()()[k];
+          Matrix3 block = -weighted_rotation(Quaternion(e));
+          block.diagonal().array() += kappa * e.squaredNorm();
+          return block;
+        });
   }
 
  private:

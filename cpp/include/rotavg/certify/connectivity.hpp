@@ -64,7 +64,13 @@ class Connectivity {
       min_degree = std::min(min_degree, degree);
       total_degree_ += degree;
     }
-    l_ = part * min_degree;
+    // Where the residuals take little away, more is left for l: the smaller is what rounding makes
+    // of the gap.
+    double least = 1.0;
+    for (Index a = 0; a < S.num_nodes(); ++a) {
+      least = std::min(least, left_[a] / graph.degree(S.nodes()[a]));
+    }
+    l_ = (least > low_noise ? large_part : part) * min_degree;
     for (double& left : left_) left -= l_;
     is_positive_ = std::all_of(left_.begin(), left_.end(), [](double x) { return x > 0.0; });
   }
@@ -97,8 +103,7 @@ class Connectivity {
     PartialCholesky cholesky;
     const auto outcome = cholesky(M.data(), S_.num_nodes(), 0, nullptr, keep_going);
     if (outcome != CholeskyOutcome::positive_definite) return {};
-    constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
-    return bound(l_ - 1.1 * (n + 2.0) * unit * trace, keep_going);
+    return bound(l_ - 1.1 * (n + 2.0) * unit_roundoff * trace, keep_going);
   }
 
   /// Whether bound_by_norm() can succeed: it asks for about half of all pairs of nodes.
@@ -142,7 +147,8 @@ class Connectivity {
   }
 
  private:
-  static constexpr double part = 0.01;  // l, of the smallest degree
+  static constexpr double part = 0.01, large_part = 0.1;  // l, of the smallest degree
+  static constexpr double low_noise = 0.99;               // that much is left of every degree
 
   Index row(Index node) const { return S_.components().row_in_component[node]; }
 
@@ -151,8 +157,13 @@ class Connectivity {
     if (!(l > 0.0)) return {};
     ComponentBound bound;
     const Eigen::MatrixXd K = S_.leftover();
+    double rounding = 0.0;
+    for (Index a = 0; a < S_.num_nodes(); ++a) rounding += S_.leftover_rounding(a);
+    const double root = K.norm() + std::sqrt(rounding);
     bound.method = CertificateMethod::connectivity;
-    bound.gap = K.squaredNorm() / l + S_.rounding_trace();
+    bound.is_definite = true;
+    bound.gap = (1.0 + 1e-9) * root * root / l;
+    bound.rounding = rounding / l;
     // The smallest eigenvalue lies between -|K|^2 / (n l) and zero.
     bound.lambda_min =
         lambda_min_near_null_vectors(S_, K, -K.squaredNorm() / (S_.num_nodes() * l), keep_going);

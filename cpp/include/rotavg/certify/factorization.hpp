@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <vector>
 
 #include <Eigen/Core>
 
@@ -12,15 +13,44 @@
 #include <rotavg/certify/min_eigenvalue.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
+#include <rotavg/linalg/cholesky_rounding.hpp>
 #include <rotavg/linalg/small_eigen.hpp>
 #include <rotavg/linalg/tall.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
+
+/// The smallest eigenvalue of S, where S without its first node, S_r, is positive definite.
+///
+/// @param Z close to S_r^-1 K, zero at the first node
+/// @param Q K^T Z: as N^T S N = 0 and S >= -e e^T (x) Q, the eigenvalue lies between -lambda_max(Q)
+///        and zero
+/// @param cholesky of S_r, or close to it
+inline double lambda_min_by_factor(const CertificateMatrix& S, const Eigen::MatrixXd& Z,
+                                   const Matrix3& Q, BlockCholesky<3>& cholesky,
+                                   const std::function<bool()>& keep_going) {
+  const SmallEigen eigen = small_eigen(0.5 * (Q + Q.transpose()));
+  const double largest = std::max(eigen.values(2), 0.0);
+  if (largest <= 1e-13 * S.max_degree()) return -largest / S.num_nodes();  // to first order
+  // Its vector is close to N u - Z u with u the direction in which Q is largest.
+  Eigen::MatrixXd start(S.size(), 4);
+  start.leftCols<3>() = S.null_vectors();
+  start.col(3) = combinations(Z, eigen.vectors.rightCols<1>());
+  const LinearOperator inverse = [&](const Eigen::MatrixXd& X) {
+    Eigen::MatrixXd Y = Eigen::MatrixXd::Zero(X.rows(), X.cols());
+    Y.topRows<3>() = X.topRows<3>() / S.max_degree();
+    Y.bottomRows(cholesky.size()) = cholesky.solve(X.bottomRows(cholesky.size()));
+    return Y;
+  };
+  return value_or_nan(min_eigenvalue(S, start, inverse, keep_going));
+}
 
 /// The bound from one Cholesky factorisation of S with its first node removed, S_r.
 ///
-/// Split any x as R^T c + z, with z zero at the first node, and let K = S R^T be the leftover of
-/// the gradient (R S R^T = 0 always). Then x^T S x = 2 c^T K_r^T z + z^T S_r z, and where S_r > 0
+/// Split any x as N c + z, with z zero at the first node, and let K = S N be the leftover of the
+/// gradient (N^T S N = 0 always). Then x^T S x = 2 c^T K_r^T z + z^T S_r z, and where S_r > 0
 ///
 ///     x^T S x >= - c^T Q c,     Q = K_r^T S_r^-1 K_r  (3 x 3),
 ///
@@ -28,9 +58,102 @@ namespace rotavg {
 /// semidefinite, and by duality, as Y_ii = I in (6), f(R) - f* <= tr Q. At a stationary point Q = 0
 /// and this is Theorem 1; near one, tr Q is what a Newton step would still gain.
 ///
-/// Rounding goes into the gap. The factor is that of S_r + E with |z^T E z| <= z^T D z for a
-/// diagonal D; over the feasible set each block of z, x_i - R_i^T c, is at most twice as long as
-/// x_i, whose square is one: that makes 4 tr D.
+/// Rounding spoils neither. What is factorised is S_r - kappa L_r (x) I - diag(D + mu), with D what
+/// rounding in the blocks and in the factorisation can amount to; so success proves
+///
+///     S_r >= kappa L_r (x) I + diag(mu)
+///
+/// outright, L_r being the scalar Laplacian. And with K = K~ + dK, dK the rounding of the gradient,
+/// and rho = K~ - (S_r - kappa L_r) Z for any Z, as S_r - kappa L_r is at least diag(mu),
+///
+///     tr Q <= ( sqrt( tr(Z^T K~) + tr(Z^T rho) + sum |rho_a|^2 / mu_a )
+///               + sqrt( sum_edges |dK_ij|^2 / (kappa w_ij) ) + sqrt( sum |dK_a|^2 / mu_a ) )^2,
+///
+/// as the edges' part of dK is B^T d with B the incidence matrix, L = B^T W B, and d^T B L^-1 B^T d
+/// <= d^T W^-1 d. All of it is of second order: the square of the residual, or of the rounding.
+class DefiniteFactorization {
+ public:
+  /// @param S, elimination (of the component, without its root) must outlive this object
+  /// @param resolution how small a gap has to be told from zero: kappa is no larger than needed
+  /// @param noise the objective over the sum of weights
+  DefiniteFactorization(const CertificateMatrix& S, Elimination& elimination, double resolution,
+                        double noise)
+      : S_(S), elimination_(elimination), cholesky_(elimination.symbolic()) {
+    constexpr double part = 0.01, low_noise = 1e-4;
+    const double wanted = S.leftover_edge_rounding() / (part * resolution);
+    kappa_ = std::clamp(wanted, 1e-12, noise < low_noise ? 0.5 : 1e-3);
+    const std::vector<double> rounding = cholesky_rounding(*elimination.symbolic(), 3);
+    mu_.reserve(rounding.size());
+    for (Index a = 0; a < elimination.size(); ++a) {
+      // No diagonal entry exceeds the degree.
+      mu_.push_back(rounding[a] * S.graph().degree(elimination.node(a)) + S.block_rounding(a + 1));
+    }
+  }
+
+  BlockCholesky<3>& cholesky() { return cholesky_; }
+
+  CholeskyOutcome factorize(const std::function<bool()>& keep_going) {
+    std::vector<double> shift(mu_);
+    for (double& entry : shift) entry *= 2.0;  // D and mu
+    const auto outcome =
+        cholesky_.factorize(S_.blocks(elimination_, kappa_, shift), 0.0, keep_going);
+    constexpr double modest = 1e-6;
+    if (outcome != CholeskyOutcome::not_positive_definite || kappa_ <= modest) return outcome;
+    kappa_ = modest;  // too much was asked for, perhaps
+    return cholesky_.factorize(S_.blocks(elimination_, kappa_, shift), 0.0, keep_going);
+  }
+
+  /// After a factorisation that ran to its end.
+  ComponentBound bound(const std::function<bool()>& keep_going) {
+    const Eigen::Index rows = cholesky_.size();
+    const Eigen::MatrixXd K = S_.leftover();
+    Eigen::MatrixXd Z = Eigen::MatrixXd::Zero(S_.size(), 3);
+    Z.bottomRows(rows) = cholesky_.solve(K.bottomRows(rows));
+    const Eigen::MatrixXd rho = K - S_.apply_less_laplacian(Z, kappa_);
+    const Matrix3 Q = inner_products(K, Z);
+
+    double longest = 0.0;  // of the blocks of Z
+    for (Index a = 1; a < S_.num_nodes(); ++a) {
+      longest = std::max(longest, Z.middleRows<3>(3 * a).norm());
+    }
+    double first_order = 0.0, rho_square = 0.0, error_square = 0.0, gradient_square = 0.0;
+    const double summing = unit_roundoff * static_cast<double>(S_.size());
+    for (Index a = 1; a < S_.num_nodes(); ++a) {
+      const double mu = mu_[a - 1];
+      const auto K_a = K.middleRows<3>(3 * a), rho_a = rho.middleRows<3>(3 * a);
+      // Of rho: the blocks' rounding and as much again for the products.
+      const double error =
+          2.0 * S_.block_rounding(a) * 2.0 * longest + 4.0 * unit_roundoff * K_a.norm();
+      first_order += longest * (rho_a.norm() + error) + summing * longest * K_a.norm();
+      rho_square += rho_a.squaredNorm() / mu;
+      error_square += error * error / mu;
+      gradient_square += S_.leftover_node_rounding(a) / mu;
+    }
+    const double rest = std::sqrt(rho_square) + std::sqrt(error_square);
+    const double computed = std::max(Q.trace() + first_order, 0.0) + rest * rest;
+    const double root = std::sqrt(computed) + std::sqrt(S_.leftover_edge_rounding() / kappa_) +
+                        std::sqrt(gradient_square);
+    constexpr double margin = 1.0 + 1e-9;  // for the rounding of these sums
+    ComponentBound bound;
+    bound.method = CertificateMethod::factorization;
+    bound.is_definite = true;
+    bound.gap = margin * root * root;
+    bound.lambda_min = lambda_min_by_factor(S_, Z, Q, cholesky_, keep_going);
+    return bound;
+  }
+
+ private:
+  const CertificateMatrix& S_;
+  Elimination& elimination_;
+  BlockCholesky<3> cholesky_;
+  double kappa_ = 0.0;
+  std::vector<double> mu_;  ///< of every row of the elimination; D is the same
+};
+
+/// The same where S_r is so nearly singular that the shift makes it indefinite: rounding goes into
+/// the gap. The factor is that of S_r + E with |z^T E z| <= z^T D z for a diagonal D; over the
+/// feasible set each block of z, x_i - R_i^T c, is at most twice as long as x_i, whose square is
+/// one: that makes 4 tr D.
 ///
 /// @param cholesky of S_r, factorised and positive definite
 inline ComponentBound bound_by_grounded_factorization(const CertificateMatrix& S,
@@ -44,25 +167,8 @@ inline ComponentBound bound_by_grounded_factorization(const CertificateMatrix& S
   const Matrix3 Q = inner_products(K, Z);
   bound.gap = std::max(Q.trace(), 0.0) + 4.0 * cholesky.rounding_trace() + S.rounding_trace();
   bound.method = CertificateMethod::factorization;
-
-  // u^T N^T S N u = 0 and S >= -e e^T (x) Q: lambda_min lies between -lambda_max(Q) and zero.
-  const SmallEigen eigen = small_eigen(0.5 * (Q + Q.transpose()));
-  const double largest = std::max(eigen.values(2), 0.0);
-  if (largest <= 1e-13 * S.max_degree()) {
-    bound.lambda_min = -largest / S.num_nodes();  // to first order
-    return bound;
-  }
-  // Its vector is close to N u - Z u with u the direction in which Q is largest.
-  Eigen::MatrixXd start(S.size(), 4);
-  start.leftCols<3>() = S.null_vectors();
-  start.col(3) = combinations(Z, eigen.vectors.rightCols<1>());
-  const LinearOperator inverse = [&](const Eigen::MatrixXd& X) {
-    Eigen::MatrixXd Y = Eigen::MatrixXd::Zero(X.rows(), X.cols());
-    Y.topRows<3>() = X.topRows<3>() / S.max_degree();
-    Y.bottomRows(rows) = cholesky.solve(X.bottomRows(rows));
-    return Y;
-  };
-  bound.lambda_min = value_or_nan(min_eigenvalue(S, start, inverse, keep_going));
+  bound.is_definite = true;
+  bound.lambda_min = lambda_min_by_factor(S, Z, Q, cholesky, keep_going);
   return bound;
 }
 
@@ -126,3 +232,5 @@ inline ComponentBound bound_certificate_matrix(const CertificateMatrix& S, doubl
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

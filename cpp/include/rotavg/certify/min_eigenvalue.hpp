@@ -11,7 +11,6 @@
 #include <rotavg/certify/bound.hpp>
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
-#include <rotavg/linalg/lanczos.hpp>
 #include <rotavg/linalg/lobpcg.hpp>
 #include <rotavg/parallel/threads.hpp>
 
@@ -68,19 +67,22 @@ inline Eigenpair min_eigenvalue(const CertificateMatrix& S, const Eigen::MatrixX
 /// The smallest eigenpair of S on the complement of the null vectors R^T, to `relative_tolerance`
 /// of itself: positive at a strict optimum, negative where S refutes R. No factorisation: only the
 /// degrees are a preconditioner.
+/// @param near a vector to start from, beside a random one
 inline Eigenpair min_eigenvalue_on_complement(const CertificateMatrix& S,
                                               const std::function<bool()>& keep_going,
-                                              double relative_tolerance, int max_iterations) {
+                                              double relative_tolerance, int max_iterations,
+                                              const Eigen::MatrixXd& near = {}) {
   LobpcgOptions options;
   options.tolerance = 0.0;
   options.relative_tolerance = relative_tolerance;
   options.min_iterations = 20;
   options.max_iterations = max_iterations;
   options.keep_going = keep_going;
-  const Eigen::Index block = std::min<Eigen::Index>(2, S.size() - 3);
+  Eigen::MatrixXd start = random_start(S.size(), std::min<Eigen::Index>(2, S.size() - 3));
+  if (near.cols() > 0) start.leftCols(1) = near.leftCols(1);
   return smallest_eigenpair([&](const Eigen::MatrixXd& X) { return S.apply(X); },
-                            [&](const Eigen::MatrixXd& X) { return S.divide_by_degree(X); },
-                            random_start(S.size(), block), S.null_vectors(), options);
+                            [&](const Eigen::MatrixXd& X) { return S.divide_by_degree(X); }, start,
+                            S.null_vectors(), options);
 }
 
 /// lambda_min(S) where S is positive on the complement of its null vectors: their part of the
@@ -95,62 +97,17 @@ inline double lambda_min_near_null_vectors(const CertificateMatrix& S, const Eig
       S, start, [&](const Eigen::MatrixXd& X) { return S.divide_by_degree(X); }, keep_going));
 }
 
-/// An estimate of the bound where nothing can be factorised, for the case that S is positive on the
-/// complement of its null vectors. With D the degrees, Lanczos' method finds the smallest
-/// eigenvalue theta of D^-1/2 S D^-1/2 on the complement of D^1/2 N. Split any x as N c + z with
-/// N^T D z = 0: with the leftover K = S N, x^T S x >= 2 c^T K^T z + theta z^T D z >= -|D^-1/2 K
-/// c|^2 / theta, and as c is a weighted mean of the blocks of x,
-///
-///     f(R) - f* <= |D^-1/2 K|_F^2 / theta
-///
-/// (as in certify/connectivity.hpp).
-///
-/// @returns CertificateMethod::none where theta was not met or is not positive
-inline ComponentBound bound_by_positive_eigenvalue(const CertificateMatrix& S,
-                                                   const std::function<bool()>& keep_going) {
-  const Index n = S.num_nodes();
-  Eigen::VectorXd root_degree(n);
-  for (Index a = 0; a < n; ++a) root_degree(a) = std::sqrt(S.graph().degree(S.nodes()[a]));
-  const auto divide = [&](Eigen::MatrixXd x) {
-    for (Index a = 0; a < n; ++a) x.middleRows<3>(3 * a) /= root_degree(a);
-    return x;
-  };
-  const auto project = [&](Eigen::VectorXd& x) {  // D^1/2 N has a multiple of I for every node
-    Vector3 along = Vector3::Zero();
-    for (Index a = 0; a < n; ++a) along += root_degree(a) * x.segment<3>(3 * a);
-    along /= root_degree.squaredNorm();
-    for (Index a = 0; a < n; ++a) x.segment<3>(3 * a) -= root_degree(a) * along;
-  };
-  const auto apply = [&](const Eigen::VectorXd& x) {
-    Eigen::VectorXd y = divide(S.apply(divide(x)));
-    project(y);
-    return y;
-  };
-  Eigen::VectorXd start = random_start(S.size(), 1);
-  project(start);
-  LanczosOptions options;
-  options.keep_going = keep_going;
-  const RitzValue ritz = smallest_ritz_value(apply, std::move(start), options);
-  const double theta = ritz.value - ritz.residual;
-  ComponentBound bound;
-  if (!ritz.converged || !(theta > 0.0)) return bound;
-  const Eigen::MatrixXd K = S.leftover();
-  const double gap = divide(K).squaredNorm() / theta;
-  bound.method = CertificateMethod::eigenvalue;
-  bound.gap = gap + S.rounding_trace();
-  // |c|^2 <= max d / sum d |x|^2
-  bound.lambda_min = lambda_min_near_null_vectors(
-      S, K, -gap * S.max_degree() / root_degree.squaredNorm(), keep_going);
-  return bound;
-}
-
 /// An estimate of the bound where nothing can be factorised, whatever S is: S is at least theta on
 /// the complement of its null vectors N / sqrt(n), if LOBPCG met the smallest eigenvalue there, and
 /// |S N| / sqrt(n) = epsilon couples the two, so lambda_min(S) is at least the smallest eigenvalue
 /// of [0, epsilon; epsilon, theta].
+///
+/// @param near a vector to start from, beside a random one
 inline ComponentBound bound_by_eigenvalue(const CertificateMatrix& S,
-                                          const std::function<bool()>& keep_going) {
-  const Eigenpair pair = min_eigenvalue_on_complement(S, keep_going, 0.1, 1000);
+                                          const std::function<bool()>& keep_going,
+                                          int max_iterations = 1000,
+                                          const Eigen::MatrixXd& near = {}) {
+  const Eigenpair pair = min_eigenvalue_on_complement(S, keep_going, 0.1, max_iterations, near);
   const double theta = pair.value - pair.residual;
   const double epsilon = S.leftover().norm() / std::sqrt(static_cast<double>(S.num_nodes()));
   const double below_zero = 0.5 * (std::hypot(theta, 2.0 * epsilon) - theta);
@@ -161,6 +118,7 @@ inline ComponentBound bound_by_eigenvalue(const CertificateMatrix& S,
   }
   bound.method = CertificateMethod::eigenvalue;
   bound.gap = below_zero * static_cast<double>(S.size()) + S.rounding_trace();
+  bound.is_definite = theta > 0.0;
   bound.lambda_min = pair.value < 0.0 ? pair.value : -below_zero;
   return bound;
 }

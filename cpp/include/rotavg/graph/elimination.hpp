@@ -54,6 +54,20 @@ class Elimination {
     return operations * order_->multiplications;
   }
 
+  /// Whether the order is known, so that flops() costs nothing.
+  bool has_order() const { return order_.has_value(); }
+
+  /// Bytes that a factorisation with blocks of size B takes, about: the factor, some zeros, the
+  /// fronts that wait, and the matrix.
+  double factor_bytes(int B) {
+    if (size() == 0) return 0.0;
+    if (!order_) order_ = approximate_minimum_degree(pattern());
+    constexpr double fronts = 1.5;
+    const double blocks =
+        fronts * order_->nonzeros + size() + static_cast<double>(pattern().row.size());
+    return blocks * B * B * sizeof(double);
+  }
+
   const BlockPattern& pattern() {
     if (pattern_.size() == 0 && size() > 0) build_pattern();
     return pattern_;

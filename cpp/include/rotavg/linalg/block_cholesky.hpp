@@ -12,6 +12,7 @@
 #include <Eigen/Core>
 
 #include <rotavg/linalg/buffer.hpp>
+#include <rotavg/linalg/cholesky_rounding.hpp>
 #include <rotavg/linalg/partial_cholesky.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
 #include <rotavg/types.hpp>
@@ -174,8 +175,7 @@ class BlockCholesky {
         trace += sum * sum;
       }
     }
-    constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
-    return unit / (1.0 - unit * largest) * trace;
+    return unit_roundoff / (1.0 - unit_roundoff * largest) * trace;
   }
 
  private:

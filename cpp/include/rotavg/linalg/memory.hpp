@@ -25,4 +25,16 @@ inline double physical_memory() {
   return std::numeric_limits<double>::infinity();
 }
 
+/// Bytes that one computation may count on: what is free, and at least half of all, as the system
+/// gives back what it keeps of files.
+inline double available_memory() {
+  const double all = physical_memory();
+#ifdef _SC_AVPHYS_PAGES
+  const double pages = static_cast<double>(sysconf(_SC_AVPHYS_PAGES));
+  const double bytes = 0.9 * pages * static_cast<double>(sysconf(_SC_PAGESIZE));
+  if (bytes > 0.5 * all) return bytes;
+#endif
+  return 0.5 * all;
+}
+
 }  // namespace rotavg

@@ -31,6 +31,7 @@ struct EliminationOrder {
   /// Multiplications that a factorisation in this order takes at most, divisions and roots
   /// included, with blocks of size one; for blocks of size B about B^3 times as many.
   double multiplications = 0.0;
+  double nonzeros = 0.0;  ///< of the factor below the diagonal, about, with blocks of size one
 };
 
 /// Approximate minimum degree (Amestoy, Davis and Duff 2004), by SuiteSparse's AMD.
@@ -46,6 +47,7 @@ inline EliminationOrder approximate_minimum_degree(const BlockPattern& pattern) 
   if (status == AMD_OUT_OF_MEMORY) throw std::bad_alloc();
   if (status < 0) throw std::logic_error("the pattern is not that of a symmetric matrix");
   order.multiplications = info[AMD_NMULTSUBS_LDL] + info[AMD_LNZ] + pattern.size();
+  order.nonzeros = info[AMD_LNZ];
   return order;
 }
 

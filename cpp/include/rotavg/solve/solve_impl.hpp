@@ -29,9 +29,11 @@ inline bool is_certified(const ComponentCertificate& certificate) {
 }
 
 /// Whether a solution has converged to something that is not certified, and the limits allow more.
+/// Where S is positive, another start would lead to the same.
 inline bool is_refuted(const SolveRun& run, const Solution& solution) {
   return run.options().certify && is_converged(solution.status) &&
-         solution.certificate.verdict == Verdict::not_certified && run.may_go_on();
+         solution.certificate.verdict == Verdict::not_certified &&
+         solution.certificate.shortfall != Shortfall::leftover && run.may_go_on();
 }
 
 /// Whether a is to replace b. A certified answer wins a tie, for its certificate; but where b is
@@ -79,7 +81,7 @@ inline std::string climb(SolveRun& run, const Rotations& R, Solution& solution) 
   double before = run.seconds();
   Staircase staircase(run.graph(), run.components(), 0, run.eliminations()[0], R,
                       resolve_num_threads(options.iteration.num_threads, run.graph().num_edges()),
-                      options.certificate.max_factorization_flops, run.keep_going());
+                      run.max_start_flops(), run.keep_going());
   while (staircase.next_rank() <= options.max_rank && run.may_go_on()) {
     const int iterations = staircase.iterations();
     const bool climbed = staircase.climb(run.limits());

@@ -1,0 +1,157 @@
+#pragma once
+
+#include <algorithm>
+#include <optional>
+
+#include <rotavg/certify/bound.hpp>
+#include <rotavg/certify/certificate_matrix.hpp>
+#include <rotavg/certify/connectivity.hpp>
+#include <rotavg/certify/factorization.hpp>
+#include <rotavg/certify/min_eigenvalue.hpp>
+#include <rotavg/certify/random_start.hpp>
+#include <rotavg/graph/elimination.hpp>
+#include <rotavg/linalg/memory.hpp>
+#include <rotavg/so3/quaternion.hpp>
+
+namespace rotavg {
+
+/// What S at some rotations says of one component, by the way that is predicted to cost least:
+///
+/// - the factorisation of S, where it is quick, or costs at most a few times what a random start
+///   would: it is the surest, and the only one that graphs with long thin parts allow;
+/// - the connectivity, which takes 1/27 of that at most, on dense graphs;
+/// - a random start, whose proof has a stated probability; all threads, and no memory to speak of;
+/// - where that is inconclusive, the factorisation after all, if it fits into memory and the limit;
+/// - and where nothing else is left, a short estimate.
+class ComponentBounds {
+ public:
+  /// @param S, q (world_from_i, where S was taken), elimination (of the component, without its
+  /// root)
+  ///        and options must outlive this object
+  /// @param resolution how small a gap has to be told from zero
+  /// @param noise the objective over the sum of weights
+  ComponentBounds(const CertificateMatrix& S, const Quaternions& q, Elimination& elimination,
+                  double resolution, double noise, const CertificateOptions& options)
+      : S_(S),
+        q_(q),
+        elimination_(elimination),
+        resolution_(resolution),
+        noise_(noise),
+        options_(options) {
+    for (const Index i : S.nodes()) ends_ += static_cast<double>(S.graph().row(i).size());
+  }
+
+  ComponentBound operator()() {
+    constexpr double quick = 1e9, worth_certainty = 3.0, large = 2e5;
+    constexpr int usual_products = 130;  // of a random start on a well connected graph
+    const double by_connectivity = Connectivity::flops(S_.num_nodes());
+    const double by_products = cost(usual_products);
+    // Near complete graphs before a factorisation is even analysed.
+    if (27.0 * by_connectivity > quick && Connectivity::is_near_complete(S_)) {
+      const ComponentBound bound = Connectivity(S_).bound_by_norm(options_.keep_going);
+      if (is_enough(bound)) return bound;
+    }
+    // On large graphs an order of elimination takes longer than products do, and they may tell that
+    // it fills in.
+    std::optional<RandomStart> random_start;
+    if (options_.failure_probability > 0.0 && ends_ > large && !elimination_.has_order()) {
+      random_start.emplace(S_, q_, random_start_options());
+      if (separator_flops(random_start->theta()) > worth_certainty * by_products) {
+        const ComponentBound bound = by_random_start(*random_start);
+        if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
+      }
+    }
+    const double by_factor = elimination_.flops(3, options_.max_factorization_flops);
+    const double limit =
+        std::min(options_.max_factorization_flops, std::max(quick, worth_certainty * by_products));
+    if (by_connectivity <= limit && by_factor > std::max(4.0 * by_connectivity, quick) &&
+        by_connectivity * sizeof(double) * 3.0 / S_.num_nodes() <= available_memory()) {
+      const ComponentBound bound = Connectivity(S_).bound_by_factorization(options_.keep_going);
+      if (is_enough(bound)) return bound;
+    }
+    const bool can_factorize = by_factor <= options_.max_factorization_flops && fits();
+    if (can_factorize && by_factor <= std::max(quick, worth_certainty * by_products)) {
+      return factorized();
+    }
+    ComponentBound bound;
+    if (options_.failure_probability > 0.0) {
+      if (!random_start) random_start.emplace(S_, q_, random_start_options());
+      if (can_factorize) random_start->limit_products(by_factor / cost(1.0));
+      bound = by_random_start(*random_start);
+      if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
+    }
+    if (can_factorize) return factorized();
+    if (bound.method != CertificateMethod::none) return bound;
+    return bound_by_eigenvalue(S_, options_.keep_going, few_iterations);
+  }
+
+ private:
+  static constexpr int few_iterations = 100;
+
+  bool stopped() const { return options_.keep_going && !options_.keep_going(); }
+
+  /// Whether nothing else need be tried: a bound that rounding has not spoiled, or a stop.
+  bool is_enough(const ComponentBound& bound) const {
+    const bool known = bound.method != CertificateMethod::none;
+    return stopped() || (known && !(bound.rounding > resolution_));
+  }
+
+  /// Of products with a vector, in operations of a factorisation. (Reading an edge end with two
+  /// columns takes as long as some 150 of those. The number of threads has no say: the answer
+  /// would depend on it.)
+  double cost(double products) const { return 75.0 * products * ends_; }
+
+  bool fits() const { return elimination_.factor_bytes(3) <= available_memory(); }
+
+  ComponentBound factorized() {
+    const auto& keep_going = options_.keep_going;
+    DefiniteFactorization proof(S_, elimination_, resolution_, noise_);
+    auto outcome = proof.factorize(keep_going);
+    if (outcome == CholeskyOutcome::positive_definite) return proof.bound(keep_going);
+    if (outcome == CholeskyOutcome::stopped) return {};
+    BlockCholesky<3>& cholesky = proof.cholesky();
+    outcome = cholesky.factorize(S_.blocks(elimination_), 0.0, keep_going);
+    if (outcome == CholeskyOutcome::stopped) return {};
+    return outcome == CholeskyOutcome::positive_definite
+               ? bound_by_grounded_factorization(S_, cholesky, keep_going)
+               : bound_certificate_matrix(S_, options_.max_factorization_flops, keep_going);
+  }
+
+  /// Operations that a factorisation takes at least, about, by what M says of the graph: with a
+  /// second eigenvalue lambda of the Laplacian, the largest front has 3/4 n lambda / (Delta + 2
+  /// lambda) nodes (the treewidth; Chandran and Subramanian 2003).
+  double separator_flops(double theta) const {
+    const double front = 0.75 * S_.num_nodes() * theta / (1.0 + 2.0 * theta);
+    return theta > 0.0 ? 27.0 * Connectivity::flops(front) : 0.0;
+  }
+
+  RandomStartOptions random_start_options() const {
+    RandomStartOptions start;
+    start.failure_probability = options_.failure_probability;
+    start.seed = options_.seed;
+    start.keep_going = options_.keep_going;
+    return start;
+  }
+
+  /// CertificateMethod::none where it does not speak for R; then lambda_min may be known.
+  ComponentBound by_random_start(RandomStart& random_start) {
+    const RandomStartResult result = random_start();
+    ComponentBound bound;
+    if (result.outcome == RandomStartOutcome::positive) {
+      bound = bound_by_random_start(S_, result.cut, options_.keep_going);
+      bound.failure_probability = options_.failure_probability;
+    } else if (result.outcome == RandomStartOutcome::negative) {
+      bound = bound_by_eigenvalue(S_, options_.keep_going, few_iterations, result.vector);
+    }
+    return bound;
+  }
+
+  const CertificateMatrix& S_;
+  const Quaternions& q_;
+  Elimination& elimination_;
+  double resolution_, noise_;
+  const CertificateOptions& options_;
+  double ends_ = 0.0;  ///< of edges
+};
+
+}  // namespace rotavg

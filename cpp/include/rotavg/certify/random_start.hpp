@@ -1,0 +1,232 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <utility>
+
+#include <Eigen/Core>
+
+#include <rotavg/certify/bound.hpp>
+#include <rotavg/certify/certificate_matrix.hpp>
+#include <rotavg/certify/local_operator.hpp>
+#include <rotavg/certify/min_eigenvalue.hpp>
+#include <rotavg/linalg/cholesky_rounding.hpp>
+#include <rotavg/linalg/lanczos.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+struct RandomStartOptions {
+  double failure_probability = 1e-12;
+  std::uint64_t seed = 0;
+  double max_products = 5000.0;  ///< of S with a vector, about
+  std::function<bool()> keep_going;
+};
+
+enum class RandomStartOutcome {
+  positive,      ///< no eigenvalue is below the cut, but for the probability
+  negative,      ///< a vector x with x^T S x < 0 was met
+  inconclusive,  ///< there may be eigenvalues near zero, or more products would be needed
+  stopped,
+};
+
+struct RandomStartResult {
+  RandomStartOutcome outcome = RandomStartOutcome::inconclusive;
+  double cut = 0.0;        ///< M is at least this on the complement
+  Eigen::VectorXd vector;  ///< 3n, where negative, in the global frame
+};
+
+/// A proof but for a stated probability, where nothing can be factorised: that no eigenvalue of M
+/// (local_operator.hpp) on the complement of its null vectors, of dimension N', is below some cut.
+///
+/// With tau above the cut, y_k = T_k(X) b is a Chebyshev polynomial of X = 1 - 2 (M - tau) / (2 -
+/// tau), which maps [tau, 2] to [-1, 1], applied to b, uniform on the unit sphere of the
+/// complement. Where all eigenvalues are at least tau, |y_k| <= 1. An eigenvalue below the cut
+/// multiplies b's part b_1 along its vector by at least T_k(x) = cosh(k eta), x = cosh(eta) = 1 +
+/// 2 (tau - cut) / (2 - tau). So where
+///
+///     |y_k| < T_k(x) (t - r),
+///
+/// there is none, or |b_1| < t, which has probability at most sqrt(2 / pi) t sqrt(N'). Two columns
+/// are independent, and their probabilities multiply; so do those of several rounds. t is fixed
+/// beforehand; tau, the cut and k may depend on b, as whatever they are the event is |b_1| < t.
+///
+/// r is what rounding can have done: an error d_j of step j reaches y_k as U_(k-j)(X) d_j, and
+/// U_(k-j)(x) <= T_k(x) e^(-(j-1) eta) / sinh(eta).
+///
+/// (Kuczynski and Wozniakowski 1992 is the like for Lanczos' method, in exact arithmetic.)
+class RandomStart {
+ public:
+  using Options = RandomStartOptions;
+  using Result = RandomStartResult;
+
+  /// @param S must outlive this object
+  /// @param q world_from_i, where S was taken
+  RandomStart(const CertificateMatrix& S, const Quaternions& q, Options options)
+      : S_(S), q_(q), operator_(S, q), options_(std::move(options)) {}
+
+  /// More products than this are not worth while.
+  void limit_products(double max_products) { options_.max_products = max_products; }
+
+  /// Roughly the smallest eigenvalue of M on the complement, by Lanczos' method: never below it.
+  double theta() {
+    if (std::isnan(theta_)) theta_ = estimate();
+    return theta_;
+  }
+
+  Result operator()() {
+    const double theta = this->theta();
+    if (stopped_) return {RandomStartOutcome::stopped, 0.0, {}};
+    // Of the estimate, which is not below the smallest eigenvalue: the more, the fewer steps, but
+    // |y| grows where tau exceeds that.
+    constexpr double tau_share = 0.9, cut_share = 0.125;
+    const double tau = std::clamp(tau_share * theta, smallest, 1.0), cut = cut_share * tau;
+    const double eta = std::acosh(1.0 + 2.0 * (tau - cut) / (2.0 - tau));
+    constexpr int most_rounds = 3;
+    for (int rounds = 1; rounds <= most_rounds; ++rounds) {
+      const double share = std::pow(options_.failure_probability, 0.5 / rounds);
+      const double t = share / (std::sqrt(2.0 / pi_) * std::sqrt(double(operator_.dimension())));
+      // |y| stays below one: what rounding will amount to.
+      const double r = error(1.0) / (std::sinh(eta) * (1.0 - std::exp(-eta)));
+      if (r > 0.5 * t && rounds < most_rounds) continue;
+      const double steps = std::acosh(2.0 / t) / eta;
+      if (2.0 * rounds * steps > options_.max_products) return {};
+      Result result;
+      for (int round = 0; round < rounds; ++round) {
+        result = run(tau, cut, eta, t, static_cast<int>(2.0 * steps) + 10,
+                     options_.seed + static_cast<std::uint64_t>(round));
+        if (result.outcome != RandomStartOutcome::positive) break;
+      }
+      return result;
+    }
+    return {};
+  }
+
+ private:
+  using Operator = LocalOperator<2>;
+  using Vectors = Operator::Vectors;
+  static constexpr double pi_ = 3.141592653589793;
+  static constexpr double smallest = 1e-9;  ///< tau
+
+  bool goes_on() {
+    stopped_ = stopped_ || (options_.keep_going && !options_.keep_going());
+    return !stopped_;
+  }
+
+  /// Of one step from a vector of this length: twice the product, and the operations around it.
+  double error(double length) const {
+    if (rounding_ == 0.0) rounding_ = operator_.rounding();
+    return (4.5 * rounding_ + 100.0 * unit_roundoff) * length;
+  }
+
+  double estimate() {
+    const LocalOperator<1> single(S_, q_);
+    using Single = LocalOperator<1>::Vectors;
+    const Index n = single.num_nodes();
+    Single z(static_cast<std::size_t>(n)), Mz(z);
+    const auto root = [&](Index a) { return std::sqrt(S_.graph().degree(S_.nodes()[a])); };
+    const auto apply = [&](const Eigen::VectorXd& y) {
+      for (Index a = 0; a < n; ++a) z[a] = y.segment<3>(3 * a) / root(a);
+      for (auto& block : Mz) block.setZero();
+      single.apply(z, 1.0, 0.0, 0.0, Mz);
+      single.project(Mz);
+      Eigen::VectorXd result(y.size());
+      for (Index a = 0; a < n; ++a) result.segment<3>(3 * a) = root(a) * Mz[a];
+      return result;
+    };
+    const Single random = single.random(options_.seed ^ 0x1a2b3c4d);
+    Eigen::VectorXd start(S_.size());
+    for (Index a = 0; a < n; ++a) start.segment<3>(3 * a) = root(a) * random[a];
+    LanczosOptions lanczos;
+    lanczos.relative_tolerance = 0.5;
+    lanczos.min_iterations = 10;
+    lanczos.max_iterations = static_cast<int>(std::min(0.25 * options_.max_products, 500.0));
+    lanczos.keep_going = [&] { return goes_on(); };
+    return smallest_ritz_value(apply, std::move(start), lanczos).value;
+  }
+
+  Result run(double tau, double cut, double eta, double t, int max_steps, std::uint64_t seed) {
+    const double scale = -2.0 / (2.0 - tau), shift = (2.0 + tau) / (2.0 - tau);  // of X
+    Vectors previous = operator_.random(seed), z(previous);
+    operator_.apply(previous, scale, shift, 0.0, z);
+    operator_.project(z);
+    double r = error(1.0) * (1.0 + 1.0 / std::sinh(eta));  // of b and of the first step
+    double longest = 1.0;                                  // so far
+    for (int k = 1; k <= max_steps; ++k) {
+      if (!goes_on()) return {RandomStartOutcome::stopped, 0.0, {}};
+      const double length = operator_.products(z, z).sqrt().maxCoeff();
+      longest = std::max(longest, length);
+      constexpr double grown = 1e3, rounding = 1.0 + 1e-9;
+      if (!(length < grown)) break;
+      if (rounding * length < std::cosh(k * eta) * (t - r)) {
+        return {RandomStartOutcome::positive, cut, {}};
+      }
+      operator_.apply(z, 2.0 * scale, 2.0 * shift, -1.0, previous);
+      operator_.project(previous);
+      std::swap(z, previous);
+      r += error(longest) * std::exp(-k * eta) / std::sinh(eta);
+    }
+    return rayleigh(z, std::move(previous));
+  }
+
+  /// Whether a column of z refutes R.
+  Result rayleigh(const Vectors& z, Vectors Sz) const {
+    operator_.apply(z, 1.0, 0.0, 0.0, Sz);
+    const Operator::Row quotient = operator_.products(z, Sz) / operator_.products(z, z);
+    Result result;
+    Eigen::Index c = 0;
+    if (!(quotient.minCoeff(&c) < -2.0 * error(1.0))) return result;
+    result.outcome = RandomStartOutcome::negative;
+    result.vector.resize(S_.size());
+    for (Index a = 0; a < S_.num_nodes(); ++a) {
+      result.vector.segment<3>(3 * a) = q_[S_.nodes()[a]].toRotationMatrix() * z[a].col(c);
+    }
+    return result;
+  }
+
+  const CertificateMatrix& S_;
+  const Quaternions& q_;
+  Operator operator_;
+  Options options_;
+  double theta_ = std::numeric_limits<double>::quiet_NaN();
+  bool stopped_ = false;
+  mutable double rounding_ = 0.0;
+};
+
+/// The bound that a random start gives, where it speaks for R. Split any x as N c + z with N^T D z
+/// = 0: with the leftover K = S N, x^T S x >= 2 c^T K^T z + cut z^T D z >= -|D^-1/2 K c|^2 / cut,
+/// and as c is a weighted mean of the blocks of x,
+///
+///     f(R) - f* <= |D^-1/2 K|_F^2 / cut
+///
+/// (as in certify/connectivity.hpp); the rounding of K is added.
+inline ComponentBound bound_by_random_start(const CertificateMatrix& S, double cut,
+                                            const std::function<bool()>& keep_going) {
+  const Eigen::MatrixXd K = S.leftover();
+  double square = 0.0, rounding = 0.0, degrees = 0.0;
+  for (Index a = 0; a < S.num_nodes(); ++a) {
+    const double degree = S.graph().degree(S.nodes()[a]);
+    square += K.middleRows<3>(3 * a).squaredNorm() / degree;
+    rounding += S.leftover_rounding(a) / degree;
+    degrees += degree;
+  }
+  const double root = std::sqrt(square) + std::sqrt(rounding);
+  ComponentBound bound;
+  bound.method = CertificateMethod::random_start;
+  bound.is_definite = true;
+  bound.gap = (1.0 + 1e-9) * root * root / cut;
+  bound.rounding = rounding / cut;
+  // |c|^2 <= max d / sum d |x|^2
+  bound.lambda_min =
+      lambda_min_near_null_vectors(S, K, -bound.gap * S.max_degree() / degrees, keep_going);
+  return bound;
+}
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -1,0 +1,188 @@
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <doctest/doctest.h>
+#include <Eigen/Core>
+
+#include <rotavg/certify/certificate.hpp>
+#include <rotavg/certify/certificate_matrix.hpp>
+#include <rotavg/certify/local_operator.hpp>
+#include <rotavg/certify/random_start.hpp>
+#include <rotavg/problem/objective.hpp>
+#include <rotavg/solve/bcd.hpp>
+#include <rotavg/solve/solve.hpp>
+
+#include "support/dense.hpp"
+#include "support/graphs.hpp"
+#include "support/random.hpp"
+
+using namespace rotavg;
+using rotavg::test::Random;
+
+namespace {
+
+/// S with all that it refers to.
+struct CertificateAt {
+  Components components;
+  Quaternions q;
+  ResidualQuaternions residuals;
+  NodeSums sums;
+  CertificateMatrix S;
+
+  CertificateAt(const MeasurementGraph& graph, const Rotations& R)
+      : components(connected_components(graph)),
+        q(to_quaternions(R)),
+        residuals(graph, q, 1),
+        sums(residuals),
+        S(sums, components, 0) {}
+  CertificateAt(const CertificateAt&) = delete;
+};
+
+/// Eigenvalues, rising, of D^-1/2 S D^-1/2 on the complement of D^1/2 N.
+Eigen::VectorXd scaled_eigenvalues(const MeasurementGraph& graph, const Rotations& R) {
+  Eigen::MatrixXd M = test::dense_certificate_matrix(graph, R);
+  Eigen::MatrixXd N(M.rows(), 3);
+  for (Index i = 0; i < graph.num_nodes(); ++i) {
+    const double root = std::sqrt(graph.degree(i));
+    M.middleRows<3>(3 * i) /= root;
+    M.middleCols<3>(3 * i) /= root;
+    N.middleRows<3>(3 * i) = root * R[i].transpose();
+  }
+  N /= std::sqrt(2.0 * graph.total_weight());
+  const Eigen::MatrixXd P = Eigen::MatrixXd::Identity(M.rows(), M.rows()) - N * N.transpose();
+  // The null vectors go to the far end.
+  return test::dense_eigenvalues(P * M * P + 10.0 * N * N.transpose()).head(M.rows() - 3);
+}
+
+MeasurementGraph random_graph(Random& random, Index n, Index extra, double noise) {
+  auto measurements = test::simulate(random, test::random_connected(random, n, extra), noise);
+  test::spread_weights(random, random.coin() ? 0.0 : 1.0, measurements);
+  return MeasurementGraph(measurements);
+}
+
+}  // namespace
+
+TEST_CASE("the local operator is D^-1/2 S D^-1/2 on the complement of its null vectors") {
+  Random random;
+  INFO(random.replay());
+  for (int k = 0; k < 30; ++k) {
+    const Index n = 2 + random.below(12);
+    const MeasurementGraph graph = random_graph(random, n, 2 * n, 0.5);
+    const Rotations R = random.rotations(n);
+    const CertificateAt at(graph, R);
+    const LocalOperator<2> M(at.S, at.q);
+    const auto z = M.random(random.seed());
+    const Eigen::MatrixXd S = test::dense_certificate_matrix(graph, R);
+    auto result = z;
+    M.apply(z, 2.0, 3.0, -1.0, result);
+    for (int c = 0; c < 2; ++c) {
+      Eigen::VectorXd x(3 * n), expected(3 * n), found(3 * n);
+      Vector3 along = Vector3::Zero();
+      double square = 0.0;
+      for (Index i = 0; i < n; ++i) {
+        x.segment<3>(3 * i) = z[i].col(c);
+        found.segment<3>(3 * i) = result[i].col(c);
+        along += graph.degree(i) * R[i] * z[i].col(c);
+        square += graph.degree(i) * z[i].col(c).squaredNorm();
+      }
+      expected = S * x;
+      for (Index i = 0; i < n; ++i) expected.segment<3>(3 * i) *= 2.0 / graph.degree(i);
+      expected += 3.0 * x - x;
+      CHECK((found - expected).norm() < 1e-12 * expected.norm());
+      CHECK(along.norm() < 1e-13 * std::sqrt(graph.total_weight()));
+      CHECK(square == doctest::Approx(1.0).epsilon(1e-12));
+    }
+  }
+}
+
+TEST_CASE("a random start tells whether S is positive, and how far, as dense eigenvalues do") {
+  Random random;
+  INFO(random.replay());
+  int positive = 0, negative = 0;
+  for (int k = 0; k < 200; ++k) {
+    const Index n = 3 + random.below(20);
+    const MeasurementGraph graph =
+        random_graph(random, n, random.below(4 * n), random.uniform(0.0, 1.5));
+    const Rotations R =
+        random.coin() ? solve(graph).rotations : bcd(graph, random.rotations(n)).rotations;
+    const CertificateAt at(graph, R);
+    const Eigen::VectorXd eigenvalues = scaled_eigenvalues(graph, R);
+    RandomStartOptions options;
+    options.seed = random.seed();
+    const RandomStartResult result = RandomStart(at.S, at.q, options)();
+    CAPTURE(k);
+    CAPTURE(eigenvalues(0));
+    if (result.outcome == RandomStartOutcome::positive) {
+      ++positive;
+      CHECK(result.cut > 0.0);
+      CHECK(eigenvalues(0) >= result.cut);
+    } else if (result.outcome == RandomStartOutcome::negative) {
+      ++negative;
+      CHECK(eigenvalues(0) < 0.0);
+      const double quotient = result.vector.dot(at.S.apply(result.vector).col(0));
+      CHECK(quotient < 0.0);
+    } else {
+      CHECK(eigenvalues(0) < 1e-3);  // near zero on either side
+    }
+  }
+  CHECK(positive > 50);
+  CHECK(negative > 20);
+}
+
+TEST_CASE("the probability of a wrong proof is what is stated: seen where it is large") {
+  // A twisted cycle has negative eigenvalues. With a stated probability of one in five, at most so
+  // many starts may speak for it. (The bound counts one direction; there are several.)
+  Random random;
+  INFO(random.replay());
+  constexpr Index n = 8;
+  auto measurements = test::measure(random, test::cycle(n), test::twisted(n, 0), 0.0);
+  const MeasurementGraph graph(measurements);
+  const CertificateAt at(graph, test::twisted(n, 1));
+  CHECK(scaled_eigenvalues(graph, test::twisted(n, 1))(0) < -0.1);
+  constexpr int trials = 2000;
+  int wrong = 0;
+  for (int k = 0; k < trials; ++k) {
+    RandomStartOptions options;
+    options.failure_probability = 0.2;
+    options.seed = random.seed();
+    wrong += RandomStart(at.S, at.q, options)().outcome == RandomStartOutcome::positive ? 1 : 0;
+  }
+  MESSAGE(wrong << " wrong of " << trials);
+  CHECK(wrong < 0.2 * trials);
+}
+
+TEST_CASE("on expanders a random start proves the optimum, with its probability") {
+  Random random;
+  INFO(random.replay());
+  for (const double noise : {0.0, 1e-9, 1e-3, 0.1}) {
+    const MeasurementGraph graph =
+        simulate_graph(random, test::random_connected(random, 2000, 20000), noise);
+    SolveOptions options;
+    options.certificate.max_factorization_flops = 0.0;
+    const Solution solution = solve(graph, options);
+    CAPTURE(noise);
+    CAPTURE(solution.certificate.relative_gap);
+    CHECK(solution.certificate.verdict == Verdict::proved);
+    if (noise > 0.0) {
+      CHECK(solution.certificate.method == CertificateMethod::random_start);
+      CHECK(solution.certificate.failure_probability == 1e-12);
+    }
+    const Rotations R = test::perturbed(random, solution.rotations, 0.5);
+    const Certificate away = certify(graph, R, options.certificate);
+    CHECK(away.verdict == Verdict::not_certified);
+    CHECK(objective(graph, R) - away.gap <= solution.objective * (1.0 + 1e-9));
+  }
+}
+
+TEST_CASE("other seeds draw other starts, the same seed the same") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph graph =
+      simulate_graph(random, test::random_connected(random, 50, 300), 0.1);
+  const CertificateAt at(graph, solve(graph).rotations);
+  const LocalOperator<2> M(at.S, at.q);
+  const auto one = M.random(1), again = M.random(1), other = M.random(2);
+  CHECK(one[7] == again[7]);
+  CHECK(one[7] != other[7]);
+}
