@@ -20,6 +20,7 @@ from rotavg.base.errors import (
     MissingExtraError,
     OptionError,
     SolverError,
+    UnknownNodeError,
 )
 from rotavg.evaluation.compare import Comparison, compare
 from rotavg.evaluation.hardness import Hardness, hardness
@@ -64,6 +65,7 @@ __all__ = [
     "Status",
     "Timings",
     "Trace",
+    "UnknownNodeError",
     "Verdict",
     "__version__",
     "certify",

@@ -22,6 +22,13 @@ class GraphError(Error, ValueError):
         self.edge = edge
 
 
+class UnknownNodeError(GraphError, KeyError):
+    """A graph has no node of this id."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])  # KeyError would show it in quotes
+
+
 class FormatError(Error, ValueError):
     """A file does not hold what its format asks for, or cannot hold what is to be written.
 

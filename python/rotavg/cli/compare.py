@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any, Callable
 
@@ -79,31 +80,26 @@ def compare(
     reference = read_absolute(
         reference_path, format=reference_format, convention=reference_convention
     )
-    nodes, known = solution.nodes, reference.nodes
+    for path, found in ((solution_path, solution), (reference_path, reference)):
+        for note in found.notes:
+            click.echo(f"note: {path}: {note}", err=True)
     if image_ids:
         if solution.image_ids is None and reference.image_ids is None:
             raise rotavg.FormatError("--image-ids: neither file is COLMAP's images.txt")
-        nodes = nodes if solution.image_ids is None else solution.image_ids
-        known = known if reference.image_ids is None else reference.image_ids
-    rows = rows_of(nodes, known)
-    common = rows >= 0
-    if not common.any():
-        example = f"{nodes[0].item()!r} there, {known[0].item()!r} here"
+        solution, reference = _by_image_ids(solution), _by_image_ids(reference)
+    if not (rows_of(solution.nodes, reference.nodes) >= 0).any():
+        example = f"{solution.nodes[0].item()!r} there, {reference.nodes[0].item()!r} here"
         raise rotavg.FormatError(
             f"no node of {solution_path} is in it (say, {example}), expected common ids",
             path=reference_path,
         )
-    component = solution.component
     if graph_path is not None:
-        component = _components(graph_path, nodes, solution_path)
-    result = rotavg.compare(
-        solution.rotations[common],
-        reference.rotations[rows[common]],
-        component=_common(component, reference, common, rows[common]),
-    )
+        label = _components(graph_path, solution.nodes, solution_path)
+        solution = dataclasses.replace(solution, component=label)
+    result = rotavg.compare(solution, reference)
     degrees = np.degrees([result.median, result.mean, result.rms, result.angles.max()])
     shares = [result.share_below(float(np.radians(d))) for d in SHARES_DEG]
-    only = int((~common).sum()), len(known) - int(common.sum())
+    only = result.only_in_rotations, result.only_in_reference
     if as_json:
         print_json({
             "nodes": len(result.angles),
@@ -149,16 +145,6 @@ def _components(path: Path, nodes: IdArray, solution_path: Path) -> NDArray[Any]
     return graph.components()[rows]
 
 
-def _common(
-    component: NDArray[Any] | None,
-    reference: AbsoluteRotations,
-    common: NDArray[np.bool_],
-    rows: NDArray[np.int64],
-) -> NDArray[np.int64]:
-    """Labels (k,) of the common nodes: two are together where both files have them so."""
-    labels = np.zeros((len(rows), 2), dtype=np.int64)
-    if component is not None:
-        labels[:, 0] = component[common]
-    if reference.component is not None:
-        labels[:, 1] = reference.component[rows]
-    return np.asarray(np.unique(labels, axis=0, return_inverse=True)[1].reshape(-1))
+def _by_image_ids(found: AbsoluteRotations) -> AbsoluteRotations:
+    ids = found.nodes if found.image_ids is None else found.image_ids
+    return dataclasses.replace(found, nodes=ids)

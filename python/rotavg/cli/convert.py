@@ -10,6 +10,7 @@ import click
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.output import print_json, print_losses, print_notes, working
+from rotavg.cli.reading import read_graph, reading_options
 from rotavg.io import check_writable, losses
 from rotavg.io.formats import num_nodes_written, warned_losses
 from rotavg.io.g2o_write import with_weights_to_write
@@ -18,7 +19,7 @@ from rotavg.io.g2o_write import with_weights_to_write
 @click.command(short_help="Write a measurement graph in another format.")
 @click.argument("input_path", metavar="IN", type=options.PATH)
 @click.argument("output_path", metavar="OUT", type=options.PATH)
-@options.reading
+@reading_options
 @options.output_graph
 @options.as_json
 def convert(
@@ -38,7 +39,7 @@ def convert(
     """
     check_writable(output_path, output_format)
     with working(f"reading {input_path}"):
-        graph = rotavg.read(input_path, **reading)
+        graph = read_graph(input_path, **reading)
     if reading["unit_weights"]:
         graph = with_weights_to_write(graph)
     rotavg.write(output_path, graph, format=output_format)

@@ -11,12 +11,13 @@ import numpy as np
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.output import print_json, print_notes, print_table, working
+from rotavg.cli.reading import read_graph, reading_options
 from rotavg.solving.robust import bridges, contamination
 
 
 @click.command(short_help="Tell what graph is in a file, and how hard it is.")
 @click.argument("input_path", metavar="INPUT", type=options.PATH)
-@options.reading
+@reading_options
 @options.as_json
 def info(input_path: Path, as_json: bool, **reading: Any) -> None:
     """Tell what graph is in INPUT, and how hard it is to average.
@@ -27,7 +28,7 @@ def info(input_path: Path, as_json: bool, **reading: Any) -> None:
       rotavg info graph.g2o --json | jq .cycles.noise_per_edge_deg
     """
     with working(f"examining {input_path}"):
-        graph = rotavg.read(input_path, **reading)
+        graph = read_graph(input_path, **reading)
         measures = _measures(graph, rotavg.hardness(graph))
     if as_json:
         print_json({**measures, "notes": list(graph.notes)})

@@ -44,25 +44,12 @@ convention = click.option(
     "R_j, the default) or vision (R_ij = R_j R_i^T).",
 )
 
-skip_self_edges = click.option(
-    "--skip-self-edges",
-    is_flag=True,
-    help="Leave out edges from a node to itself, instead of refusing them.",
-)
-
 columns = click.option(
     "--columns",
     metavar="WORDS",
     help="What the columns of a text or CSV file without a header are, such as "
     "i,j,qw,qx,qy,qz,weight; rx,ry,rz for rotation vectors, r11,...,r33 for matrices, _ for none.",
 )
-
-
-def reading(command: Any) -> Any:
-    """The options of `rotavg.read`, for a command that takes them as **reading."""
-    for option in (skip_self_edges, unit_weights, convention, columns, input_format):
-        command = option(command)
-    return command
 
 
 def choice(name: str, values: list[str], default: str, text: str) -> Callable[[Any], Any]:

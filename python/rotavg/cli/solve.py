@@ -24,6 +24,8 @@ from rotavg.cli.output import (
     working,
 )
 from rotavg.cli.priors import check_prior_options, prior_options, read_priors
+from rotavg.cli.reading import NAMES as READING
+from rotavg.cli.reading import read_graph, reading_options
 from rotavg.cli.start import init_option, read_start
 from rotavg.cli.summary import summary
 from rotavg.io import atomic, check_writable
@@ -38,6 +40,7 @@ from rotavg.report import Run, check_report, write_report
             *("output", "report", "edges_path", "format", "output_format", "columns"),
             *("convention", "unit_weights", "skip_self_edges", "as_json"),
         ),
+        "Which part": ("nodes_path", "largest_component", "min_nodes"),
         "Method": ("method", "init", "seed", "mu", "accelerate", "max_rank"),
         "Prior knowledge": ("fixed_path", "gravity_path", "gravity_weight"),
         "Uncertainty": ("covariances_path", "noise_variance"),
@@ -150,7 +153,7 @@ from rotavg.report import Run, check_report, write_report
     "No factorisation of the proof takes more operations.",
 )
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
-@options.reading
+@reading_options
 @options.output_solution
 @options.as_json
 def solve(
@@ -159,12 +162,7 @@ def solve(
     report: Path | None,
     threads: int | None,
     no_certify: bool,
-    format: str | None,
     output_format: str | None,
-    convention: Literal["pose", "vision"] | None,
-    unit_weights: bool,
-    skip_self_edges: bool,
-    columns: str | None,
     as_json: bool,
     loss_scale: str,
     cycle_threshold: float | None,
@@ -208,14 +206,7 @@ def solve(
             atomic.check_writable(path)
     start = time.perf_counter()
     with working(f"reading {input_path}"):
-        graph = rotavg.read(
-            input_path,
-            format=format,
-            convention=convention,
-            unit_weights=unit_weights,
-            skip_self_edges=skip_self_edges,
-            columns=columns,
-        )
+        graph = read_graph(input_path, **{name: settings.pop(name) for name in READING})
     read_seconds = time.perf_counter() - start
     if not as_json:
         print_notes(graph)

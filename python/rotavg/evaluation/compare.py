@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg.base.arrays import as_floats, read_only, rows_by_label
+from rotavg.base.arrays import read_only, rows_by_label
 from rotavg.base.errors import GraphError
-from rotavg.graph.conventions import first_no_rotation
-from rotavg.solving.solution import Solution
+from rotavg.evaluation.known import Known, Rotations, known
+from rotavg.graph.ids import IdArray, rows_of
 
 SHARES_DEG = (1, 2, 5, 10)
 
@@ -25,12 +26,18 @@ class Comparison:
             be turned to meet any reference.
         num_components: how many components these are in, each aligned by itself.
         left_out: how many rotations are alone in their component.
+        nodes: (k,) their ids; where neither side had ids, the rows.
+        only_in_rotations: how many nodes the reference does not have.
+        only_in_reference: how many nodes it has in addition.
     """
 
     angles: NDArray[np.float64]
     rows: NDArray[np.int64]
     num_components: int
     left_out: int
+    nodes: IdArray
+    only_in_rotations: int
+    only_in_reference: int
 
     @property
     def mean(self) -> float:
@@ -56,6 +63,11 @@ class Comparison:
         shares = [f"{100 * self.share_below(np.radians(d)):.3g} % below {d}" for d in SHARES_DEG]
         aligned = f" in {self.num_components} components" if self.num_components > 1 else ""
         alone = f"; {self.left_out} alone in a component left out" if self.left_out else ""
+        for count, where in (
+            (self.only_in_rotations, "missing in the reference"),
+            (self.only_in_reference, "in the reference only"),
+        ):
+            alone += f"; {count} {where}" if count else ""
         return (
             f"{len(self.angles)} rotations{aligned}: median {median:.4g} deg, mean {mean:.4g}, "
             f"RMS {rms:.4g}; {', '.join(shares)} deg{alone}"
@@ -63,8 +75,8 @@ class Comparison:
 
 
 def compare(
-    rotations: ArrayLike | Solution,
-    reference: ArrayLike,
+    rotations: Rotations,
+    reference: Rotations,
     *,
     component: ArrayLike | None = None,
 ) -> Comparison:
@@ -74,45 +86,88 @@ def compare(
     mean, by Weiszfeld's algorithm from the best of the nodes), so that a few wrong rotations do
     not turn all the others away.
 
+    Either may be a Solution, a dict from ids to matrices (3, 3) world_from_node, a tuple of ids
+    (n,) and matrices (n, 3, 3), or a file that `rotavg.read_rotations` reads: then nodes are
+    matched by their ids, and those that only one of the two has are counted. Or it is an array
+    (n, 3, 3) without ids, of the same nodes as the other in the same order.
+
     Args:
-        rotations: (n, 3, 3) world_from_node, or a solution.
-        reference: (n, 3, 3) of the same nodes, in the same order.
-        component: (n,) labels; each component has a gauge, and so an alignment, of its own. By
-            default those of the solution; of an array all are in one.
+        rotations: what is compared.
+        reference: what it is compared with.
+        component: (n,) labels of the rows of `rotations`; each component has a gauge, and so an
+            alignment, of its own. By default those of a solution, or in a file; two nodes are
+            together where both sides have them so. Of arrays all are in one.
 
     Raises:
-        GraphError: for arrays that do not match, or no two rotations in any component.
+        GraphError: for what are no rotations, or do not match; where no node is in both, or no two
+            are in one component.
+        FormatError, FileAccessError: for a file that cannot be read.
     """
-    if isinstance(rotations, Solution):
-        component = rotations.component if component is None else component
-        rotations = rotations.rotations
-    n = len(np.atleast_1d(np.asarray(reference, dtype=object)))
-    if n == 0:
-        raise GraphError("there are no rotations to compare")
-    R = as_floats(rotations, (n, 3, 3), "rotations")
-    S = as_floats(reference, (n, 3, 3), "reference")
-    for name, values in (("rotations", R), ("reference", S)):
-        bad = first_no_rotation(values)
-        if bad is not None:
-            raise GraphError(f"{name}: the matrix in row {bad} is not a rotation")
-    label = np.zeros(n, dtype=np.int64) if component is None else np.asarray(component)
+    ours, theirs = known(rotations, "rotations"), known(reference, "reference")
+    n = len(ours.rotations)
+    label = ours.component if component is None else _labels(component, n)
+    if ours.nodes is None or theirs.nodes is None:
+        if len(theirs.rotations) != n:
+            raise GraphError(
+                f"rotations have shape {ours.rotations.shape}, expected those of the reference, "
+                f"{theirs.rotations.shape}: without ids on both sides the order tells the nodes"
+            )
+        here, there = np.arange(n), np.arange(n)
+    else:
+        rows = rows_of(ours.nodes, theirs.nodes)
+        here = np.flatnonzero(rows >= 0)
+        there = rows[here]
+        if not len(here):
+            example = f"{ours.nodes[0].item()!r} and {theirs.nodes[0].item()!r}"
+            raise GraphError(f"no node is in both (ids are as {example}), expected common ids")
+    sides = (label, here), (theirs.component, there)
+    told = [np.asarray(side)[rows] for side, rows in sides if side is not None]
+    groups = np.zeros(len(here), dtype=np.int64)
+    for values in told:
+        pairs = np.stack([groups, np.unique(values, return_inverse=True)[1].reshape(-1)], axis=1)
+        groups = np.unique(pairs, axis=0, return_inverse=True)[1].reshape(-1)
+    return _aligned(ours.rotations[here], theirs.rotations[there], groups, here, ours.nodes, theirs)
+
+
+def _labels(component: ArrayLike, n: int) -> NDArray[Any]:
+    try:
+        label = np.asarray(component)
+    except ValueError as error:
+        raise GraphError(f"component is not an array of labels: {error}") from None
     if label.shape != (n,):
         raise GraphError(f"component has shape {label.shape}, expected ({n},)")
+    return label
+
+
+def _aligned(
+    R: NDArray[np.float64],
+    S: NDArray[np.float64],
+    label: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    nodes: IdArray | None,
+    reference: Known,
+) -> Comparison:
+    """Compare R (k, 3, 3), which are these rows of the nodes given, with S in every component."""
     _, label, count = np.unique(label, return_inverse=True, return_counts=True)
     compared = count[label] > 1
     if not compared.any():
         found = "no two rotations are in the same component"
         raise GraphError(f"{found}: one alone can be turned to meet any reference")
-    angles = np.empty(n)
+    angles = np.empty(len(R))
     for chosen in rows_by_label(label, len(count)):
         if len(chosen) > 1:
             left = S[chosen] @ np.swapaxes(R[chosen], 1, 2)
             angles[chosen] = _angles(left, _l1_mean(left))
+    ids = nodes if nodes is not None else reference.nodes
+    kept = rows[compared]
     return Comparison(
         read_only(angles[compared]),
-        read_only(np.flatnonzero(compared)),
+        read_only(kept),
         num_components=int((count > 1).sum()),
-        left_out=n - int(compared.sum()),
+        left_out=len(R) - int(compared.sum()),
+        nodes=read_only(kept.copy() if ids is None else ids[kept]),
+        only_in_rotations=(len(R) if nodes is None else len(nodes)) - len(R),
+        only_in_reference=len(reference.rotations) - len(R),
     )
 
 

@@ -11,10 +11,11 @@ from rotavg.base.arrays import as_floats, read_only
 from rotavg.base.errors import GraphError
 from rotavg.graph.conventions import first_no_rotation, quaternions_from_matrices
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.node_mapping import NodeMapping
 
 
 @dataclass(frozen=True, eq=False)
-class KnownRotations:
+class KnownRotations(NodeMapping):
     """Rotations for `rotavg.write`, which writes them as it does a solution's.
 
     Attributes:

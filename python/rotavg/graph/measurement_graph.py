@@ -252,6 +252,15 @@ class MeasurementGraph:
         largest = int(np.argmax(np.bincount(label)))
         return self if label.max() == 0 else self.subgraph(self.nodes[label == largest])
 
+    def without_small_components(self, min_nodes: int) -> MeasurementGraph:
+        """The graph of the components with at least so many nodes; GraphError if none is."""
+        label = self.components()
+        kept = (np.bincount(label) >= min_nodes)[label]
+        if not kept.any():
+            found = f"the largest component has {np.bincount(label).max()} nodes"
+            raise GraphError(f"{found}, expected one of {min_nodes} at least")
+        return self if kept.all() else self.subgraph(self.nodes[kept])
+
     def subgraph(self, nodes: ArrayLike) -> MeasurementGraph:
         """The graph of these nodes, in this order, and of the edges between them.
 
@@ -283,6 +292,12 @@ class MeasurementGraph:
             self.edges, self.rotations, weights, self.nodes, self.covariances,
             self.translations, self.source, self.notes,
         )  # fmt: skip
+
+    def with_notes(self, *notes: str) -> MeasurementGraph:
+        """The same graph with more for its user to know."""
+        result = object.__new__(MeasurementGraph)
+        result.__dict__.update(self.__dict__, notes=self.notes + notes)
+        return result
 
     def __repr__(self) -> str:
         return f"MeasurementGraph({self.num_nodes} nodes, {self.num_edges} edges)"

@@ -81,19 +81,8 @@ def read(
         FormatError: it holds no measurement graph; the message names the line and the reason. Or
             the format has a convention of its own, which is another.
     """
-    path = Path(path)
     words = None if columns is None else words_of(columns)
-    if words is not None and format is None:
-        data = registry.read_bytes(FORMATS, path)
-        chosen = table_format(path, data)
-    elif format is None:
-        path = registry.in_folder(FORMATS, path)
-        data = registry.read_bytes(FORMATS, path)
-        chosen = registry.of_content(FORMATS, path, data)
-    else:
-        chosen = registry.named(FORMATS, format)
-        path = chosen.file_of(path)
-        data = registry.read_bytes(FORMATS, path)
+    path, data, chosen = input_of(path, format, words)
     if chosen.read is None:
         raise FormatError(f"{chosen.name} is a format for output only", path=path)
     if words is not None and chosen not in TABLES:
@@ -184,6 +173,22 @@ def losses(
         if source.fixed:
             told.append(f"which {len(source.fixed)} vertices are fixed is not in it")
     return tuple(told)
+
+
+def input_of(
+    path: str | os.PathLike[str], format: str | None, columns: Sequence[str] | None = None
+) -> tuple[Path, bytes, Format]:
+    """The file to read, its content, and its format."""
+    path = Path(path)
+    if format is not None:
+        chosen = registry.named(FORMATS, format)
+        path = chosen.file_of(path)
+        return path, registry.read_bytes(FORMATS, path), chosen
+    path = registry.in_folder(FORMATS, path)
+    data = registry.read_bytes(FORMATS, path)
+    if columns is not None:
+        return path, data, table_format(path, data)
+    return path, data, registry.of_content(FORMATS, path, data)
 
 
 def words_of(columns: str | Sequence[str]) -> tuple[str, ...]:

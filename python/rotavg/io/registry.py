@@ -236,7 +236,7 @@ def _magic_of(formats: Sequence[Format], path: Path) -> bytes:
     if not path.is_file():  # a pipe can be read but once
         return b""
     with path.open("rb") as stream:
-        head = stream.read(max(map(len, magics)))
+        head = stream.read(max(map(len, magics), default=0))
     return next((magic for magic in magics if head.startswith(magic)), b"")
 
 

@@ -7,7 +7,7 @@ of names, or the comment just above the first row), or else as the format has th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Union
@@ -18,11 +18,19 @@ from numpy.typing import NDArray
 from rotavg.base.errors import FormatError
 from rotavg.graph.conventions import matrices_from_quaternions, matrices_from_rotvecs
 from rotavg.io.columns import EXPECTED, Layout, layout_of
-from rotavg.io.lines import BYTE_ORDER_MARK, check_finite, is_number, number_table, shown
+from rotavg.io.lines import (
+    BYTE_ORDER_MARK,
+    check_finite,
+    content_lines,
+    is_number,
+    number_table,
+    shown,
+)
 from rotavg.io.rounding import matrix_notes, quaternion_notes
 
 Rows = Iterable[tuple[int, Union[bytes, list[bytes]]]]  # line number, the row or its fields
 
+_LAST = ("qx", "qy", "qz", "qw")
 _TURN = 2 * np.pi + 0.01
 
 
@@ -100,6 +108,9 @@ def read_table(
             raise FormatError(f"{found}, expected {EXPECTED}, each once", path=path)
     first = True
     for line, row in rows:
+        separated = isinstance(row, list) or b"," in row or b";" in row
+        if separated and not _says_something(row):
+            continue
         if first:
             first = False
             here = _header(row, num_ids)
@@ -110,8 +121,12 @@ def read_table(
                 layout, told = _by_title(row, title, num_ids)
             layout = layout or _usual(path, line, row, usual, num_ids, expected)
         assert layout is not None
-        found_here = split(row, {len(layout.words)}, named=told)
-        _check_count(path, line, found_here, layout, num_ids, told, expected)
+        if separated or isinstance(row, list):
+            found_here = split(row, (len(layout.words),), named=told)
+        else:
+            found_here = row.split()
+        if len(found_here) != len(layout.words):
+            raise _wrong_count(path, line, len(found_here), layout, num_ids, told, expected)
         fields.append(found_here)
         lines.append(line)
     if not lines:
@@ -130,7 +145,7 @@ def split(row: bytes | list[bytes], counts: Collection[int], *, named: bool) -> 
     elif b"," in row:
         fields = [field.strip() for field in row.split(b",")]
     else:
-        return row.split()
+        return row.split()  # none of them is empty
     while fields and len(fields) > max(counts) and not fields[-1].strip():
         fields.pop()
     if isinstance(row, list) or b";" in row:
@@ -166,9 +181,39 @@ def header_words(row: bytes | list[bytes]) -> list[list[str]]:
     return [[f.decode(errors="replace").strip("\"' ") for f in fields] for fields in ways]
 
 
+def w_first_columns(data: bytes, columns: Sequence[str] | None) -> str | None:
+    """The columns of a table of edges, with the w of its quaternions first instead of last.
+
+    None where it is not last: then it was said, or there are no quaternions.
+    """
+    row = next((text for _, text in content_lines(Path(), data) if _says_something(text)), b"")
+    words = list(columns or title_words(data))
+    layout = None if is_header(row, 2) else layout_of(words, 2)
+    fields = split(row, (6, 7), named=False)
+    if is_header(row, 2):
+        layout = _header(row, 2)
+    elif layout is None or len(words) != len(fields):
+        usual = ["i", "j", *_LAST, "weight"][: len(fields)]
+        layout = layout_of(usual, 2) if len(usual) == len(fields) else None
+    if layout is None or layout.kind != "quaternion":
+        return None
+    x, y, z, w = layout.rotation
+    if (y, z, w) != (x + 1, x + 2, x + 3):
+        return None
+    read = {*layout.ids, *layout.numbers}
+    names = [word if k in read else "_" for k, word in enumerate(layout.words)]
+    names[x : w + 1] = [_LAST[3], *_LAST[:3]]
+    return ",".join(names)
+
+
 def is_header(row: bytes | list[bytes], num_ids: int) -> bool:
     """Whether this row names the columns of a table."""
     return _header(row, num_ids) is not None
+
+
+def _says_something(row: bytes | list[bytes]) -> bool:
+    """Whether there is more than separators, as below the rows of a spreadsheet."""
+    return any(row) if isinstance(row, list) else bool(row.strip(b",; \t\r\f\v"))
 
 
 def _header(row: bytes | list[bytes], num_ids: int) -> Layout | None:
@@ -220,37 +265,37 @@ def _usual(
     raise FormatError(f"{found}, expected {what}", path=path, line=line)
 
 
-def _check_count(
+def _wrong_count(
     path: Path,
     line: int,
-    fields: list[bytes],
+    here: int,
     layout: Layout,
     num_ids: int,
     told: bool,
     expected: str,
-) -> None:
+) -> FormatError:
     count = len(layout.words)
-    if len(fields) == count:
-        return
-    found = f"found {len(fields)} field{'s' * (len(fields) != 1)}"
+    found = f"found {here} field{'s' * (here != 1)}"
     if told:
         message = f"{found}, expected {' '.join(layout.words)}"
     elif num_ids == 1:
         message = f"{found}, expected {expected}"
-    elif len(fields) < 3:
+    elif here < 3:
         message = f"{found}, expected {count}: {expected}"
     else:
-        message = f"found {len(fields) - 2} numbers after the ids, expected {count - 2}"
-    raise FormatError(message, path=path, line=line)
+        message = f"found {here - 2} numbers after the ids, expected {count - 2}"
+    return FormatError(message, path=path, line=line)
 
 
 def _table(path: Path, fields: list[list[bytes]], lines: list[int], layout: Layout) -> Table:
     places = layout.numbers
-    for row, line in zip(fields, lines):
-        if not all(row[place].strip() for place in places):
-            empty = next(layout.words[place] for place in places if not row[place].strip())
-            raise FormatError(f"{empty} is empty, expected a number", path=path, line=line)
-    numbers = [b" ".join([row[place] for place in places]).replace(b",", b".") for row in fields]
+    columns = [[row[place] for row in fields] for place in places]
+    for place, column in zip(places, columns):
+        if not all(column) or not all(map(bytes.strip, column)):
+            row = next(k for k, field in enumerate(column) if not field.strip())
+            message = f"{layout.words[place]} is empty, expected a number"
+            raise FormatError(message, path=path, line=lines[row])
+    numbers = [row.replace(b",", b".") for row in map(b" ".join, zip(*columns))]
     table = number_table(path, numbers, lines, len(places))
     check_finite(path, table, lines)
     size = len(layout.rotation)
@@ -263,10 +308,3 @@ def _table(path: Path, fields: list[list[bytes]], lines: list[int], layout: Layo
         components=None if label is None else [row[label] for row in fields],
         lines=lines,
     )
-
-
-def text_rows(lines: Iterable[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
-    """The lines with more than separators in them."""
-    for line, text in lines:
-        if text.strip(b",; \t\r\f\v"):
-            yield line, text

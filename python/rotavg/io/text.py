@@ -22,7 +22,7 @@ from rotavg.base.errors import FormatError
 from rotavg.graph.conventions import first_bad_quaternion, quaternions_from_matrices
 from rotavg.graph.ids import as_edges, edge_error
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.graph.nearest import nearest_rotation
+from rotavg.graph.nearest import TOLERANCE, nearest_rotation
 from rotavg.io.absolute import QUATERNION, AbsoluteRotations, RotationReader, distinct, labels_of
 from rotavg.io.lines import content_lines, exactly, ids_of, is_number, plain_name
 from rotavg.io.registry import (
@@ -33,7 +33,7 @@ from rotavg.io.registry import (
     components_to_tell,
 )
 from rotavg.io.rounding import MATRIX_TOLERANCE
-from rotavg.io.table import Rows, is_header, read_table, split, text_rows, title_words
+from rotavg.io.table import Rows, is_header, read_table, split, title_words
 
 HEADER = ("i", "j", *QUATERNION, "weight")
 SOLUTION_HEADER = ("id", *QUATERNION)
@@ -43,7 +43,7 @@ _CONVENTION = "pose family: R_i R_ij = R_j, R_i = world_from_i, R_ij = i_from_j;
 
 def read_text(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     """Read edges from lines of text; every line has a weight or none has."""
-    return read_edges(path, data, text_rows(content_lines(path, data)), options)
+    return read_edges(path, data, content_lines(path, data), options)
 
 
 def read_edges(path: Path, data: bytes, rows: Rows, options: ReadOptions) -> MeasurementGraph:
@@ -69,7 +69,7 @@ def read_edges(path: Path, data: bytes, rows: Rows, options: ReadOptions) -> Mea
             None if options.unit_weights else table.weights,
             **options.of_graph,
             notes=notes,
-            tolerance=MATRIX_TOLERANCE,
+            tolerance=MATRIX_TOLERANCE if table.layout.kind == "matrix" else TOLERANCE,
         )
 
 
@@ -112,7 +112,7 @@ def read_text_rotations(
     path: Path, data: bytes, columns: Sequence[str] | None = None
 ) -> AbsoluteRotations:
     """Read a solution."""
-    return read_nodes(path, data, text_rows(content_lines(path, data)), columns)
+    return read_nodes(path, data, content_lines(path, data), columns)
 
 
 def read_nodes(
@@ -143,7 +143,7 @@ def _looks_like_edges(head: bytes) -> bool:
     """Whether the first line with something in it is an edge or a header of edges."""
     if b"\0" in head:
         return False
-    for _, text in text_rows(content_lines(Path(), head)):
+    for _, text in content_lines(Path(), head):
         return is_edge(text)
     return False
 
@@ -154,7 +154,7 @@ def _has_solution_header(head: bytes) -> bool:
         return False
     if [word.lower() for word in title_words(head)[: len(SOLUTION_HEADER)]] == [*SOLUTION_HEADER]:
         return True
-    for _, text in text_rows(content_lines(Path(), head)):
+    for _, text in content_lines(Path(), head):
         return is_header(text, 1)
     return False
 

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
 from rotavg.base.arrays import read_only
-from rotavg.base.errors import GraphError
 from rotavg.graph import conventions
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.node_mapping import NodeMapping
 from rotavg.priors.grounded import Grounded
 from rotavg.solving.certificate import Certificate, Verdict
 from rotavg.solving.robust import RobustFit, bridges, contamination
@@ -21,8 +21,8 @@ from rotavg.solving.uncertainty import Frame, covariances, rms_degrees
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
-    """Absolute rotations for a measurement graph.
+class Solution(NodeMapping):
+    """Absolute rotations for a measurement graph, and a mapping from its node ids to them.
 
     Every figure is evaluated at `rotations`.
 
@@ -73,17 +73,6 @@ class Solution:
     robust: RobustFit | None = None
     grounded: Grounded | None = None
     isotropic: Solution | None = None
-
-    def __getitem__(self, node: int | str) -> NDArray[np.float64]:
-        """Rotation (3, 3), world_from_node, of the node with this id; GraphError without one."""
-        try:
-            return np.asarray(self.rotations[self._row_of[node]])
-        except (KeyError, TypeError):
-            raise GraphError(f"node {node!r} is not in the graph") from None
-
-    @cached_property
-    def _row_of(self) -> dict[int | str, int]:
-        return {node: row for row, node in enumerate(self.graph.nodes.tolist())}
 
     @cached_property
     def quaternions(self) -> NDArray[np.float64]:

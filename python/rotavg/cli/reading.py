@@ -1,0 +1,134 @@
+"""How the commands read a measurement graph: from a file, all of it or a part."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+import rotavg
+from rotavg.cli import options
+from rotavg.evaluation.readings import OtherReading, other_reading
+from rotavg.graph.ids import rows_of
+from rotavg.io.formats import input_of, words_of
+from rotavg.io.node_list import read_node_list
+from rotavg.io.table import w_first_columns
+
+_OPTIONS = (
+    options.input_format,
+    options.columns,
+    options.convention,
+    options.unit_weights,
+    click.option(
+        "--skip-self-edges",
+        is_flag=True,
+        help="Leave out edges from a node to itself, instead of refusing them.",
+    ),
+    click.option(
+        "--nodes",
+        "nodes_path",
+        type=options.PATH,
+        metavar="FILE",
+        help="Use only the nodes in this file, an id or a name on each line.",
+    ),
+    click.option(
+        "--largest-component", is_flag=True, help="Use only the component with the most nodes."
+    ),
+    click.option(
+        "--min-nodes",
+        type=click.IntRange(1),
+        metavar="N",
+        help="Leave out components with fewer nodes.",
+    ),
+)
+NAMES = (
+    *("format", "columns", "convention", "unit_weights", "skip_self_edges"),
+    *("nodes_path", "largest_component", "min_nodes"),
+)
+
+
+def reading_options(command: Any) -> Any:
+    """The options of `read_graph`, of the names in `NAMES`."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def read_graph(
+    path: Path,
+    *,
+    nodes_path: Path | None,
+    largest_component: bool,
+    min_nodes: int | None,
+    **reading: Any,
+) -> rotavg.MeasurementGraph:
+    """The graph in a file, or the part of it that is asked for.
+
+    Its notes tell also what was left out, and what other reading the cycles suggest.
+    """
+    graph = rotavg.read(path, **reading)
+    hint = _hint(path, graph, reading)
+    whole = graph
+    if nodes_path is not None:
+        graph = _of_nodes(graph, nodes_path)
+    if largest_component:
+        graph = graph.largest_component()
+    if min_nodes is not None:
+        graph = graph.without_small_components(min_nodes)
+    if graph.num_nodes < whole.num_nodes:
+        count = whole.num_nodes - graph.num_nodes
+        edges = whole.num_edges - graph.num_edges
+        graph = graph.with_notes(
+            f"{count} of {whole.num_nodes} nodes and {edges} edges left out, as was asked for"
+        )
+    return graph.with_notes(*hint)
+
+
+def _of_nodes(graph: rotavg.MeasurementGraph, path: Path) -> rotavg.MeasurementGraph:
+    """The graph of the nodes in this file; of others in it the number is told."""
+    ids = read_node_list(path)
+    if graph.nodes.dtype.kind == "U":
+        ids = ids.astype(np.str_)
+    rows = rows_of(ids, graph.nodes)
+    here = np.sort(rows[rows >= 0])
+    if not len(here):
+        node = graph.nodes[0].item()
+        message = f"none of its nodes is in the graph, expected ids as in the graph (say, {node!r})"
+        raise rotavg.FormatError(message, path=path)
+    part = graph.subgraph(graph.nodes[here])
+    missing = len(ids) - len(here)
+    if missing:
+        part = part.with_notes(f"{path}: {missing} of {len(ids)} nodes are not in the graph")
+    return part
+
+
+def _hint(path: Path, graph: rotavg.MeasurementGraph, reading: dict[str, Any]) -> tuple[str, ...]:
+    """In what other way the file should be read, where its cycles say so and the format is open."""
+    if graph.source is not None:  # of a format that leaves nothing open
+        return ()
+    found = other_reading(graph)
+    if found is None:
+        return ()
+    words = None if reading["columns"] is None else words_of(reading["columns"])
+    path, data, form = input_of(path, reading["format"], words)
+    if not form.any_convention:
+        return ()
+    columns = w_first_columns(data, words) if form.name in ("text", "csv") else None
+    if columns is None and found.w_first:
+        found = other_reading(graph, w_first=False)
+    return () if found is None else (_advice(found, columns, reading["convention"]),)
+
+
+def _advice(found: OtherReading, columns: str | None, convention: str | None) -> str:
+    ways = []
+    if found.w_first and columns is not None:
+        ways.append(f"--columns {columns}")
+    if found.other_family:
+        ways.append(f"--convention {'pose' if convention == 'vision' else 'vision'}")
+    before, after = np.degrees([found.noise_as_read, found.noise])
+    return (
+        f"the cycles do not close (about {before:.3g} deg an edge); they do far better "
+        f"({after:.2g} deg) with {' '.join(ways)}"
+    )

@@ -1,0 +1,100 @@
+"""Whether the measurements fit together, or would if they were read in another way.
+
+A file may be in the other family, or have the w of quaternions first, and nothing in it tells. But
+then the measurements around cycles do not come back to the identity, and in the right way they do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg import _core
+from rotavg.graph.conventions import matrices_from_quaternions, quaternions_from_matrices
+from rotavg.graph.measurement_graph import MeasurementGraph
+
+# Below it, radians, whatever is wrong is small; above it another reading must be so much better.
+_NOISE_WORTH_A_LOOK = np.radians(0.5)
+_FACTOR = 4
+# Outliers may break most cycles: the best tell, where there are enough of them.
+_SHARE = 0.1
+_MANY_CYCLES = 30
+_MIN_CYCLES = 3
+_MAX_CYCLES = 20000
+
+
+@dataclass(frozen=True)
+class OtherReading:
+    """Another way to read a graph's rotations, in which its cycles close better.
+
+    Attributes:
+        other_family: whether the rotations are the transposes of what they were read as.
+        w_first: whether quaternions are (w, x, y, z) that were read as (x, y, z, w).
+        noise: rough noise angle of one edge in this reading, radians (see `Hardness.noise`).
+        noise_as_read: the same of the graph as it is.
+    """
+
+    other_family: bool
+    w_first: bool
+    noise: float
+    noise_as_read: float
+
+
+def other_reading(graph: MeasurementGraph, *, w_first: bool = True) -> OtherReading | None:
+    """The reading in which the cycles close best, if that is much better than the present one.
+
+    Args:
+        graph: the measurements; cycles are those that edges close with a breadth-first tree.
+        w_first: whether they may be quaternions with w first that were read as with w last.
+    """
+    lengths = _core.cycle_lengths(graph._core, _sample(graph))
+    edges = _sample(graph)[lengths > 1]
+    lengths = lengths[lengths > 1]
+    if len(edges) < _MIN_CYCLES:
+        return None
+    read = _errors(graph, np.asarray(graph.rotations), edges, lengths)
+    if _typical(read) < _NOISE_WORTH_A_LOOK:
+        return None
+    best: OtherReading | None = None
+    least = _typical(read) / _FACTOR
+    turned = graph.rotations
+    if w_first:
+        turned = matrices_from_quaternions(np.roll(quaternions_from_matrices(turned), -1, axis=1))
+    for rotations, first in ((graph.rotations, False), (turned, True)):
+        for other in (False, True):
+            if not (first or other) or (first and not w_first):
+                continue
+            R = np.swapaxes(rotations, 1, 2) if other else rotations
+            errors = _errors(graph, R, edges, lengths)
+            if _typical(errors) < least:
+                least = _typical(errors)
+                noise = float(np.median(errors)), float(np.median(read))
+                best = OtherReading(other, first, *noise)
+    return best
+
+
+def _typical(errors: NDArray[np.float64]) -> float:
+    """The error of a cycle without an outlier."""
+    return float(np.quantile(errors, _SHARE if len(errors) >= _MANY_CYCLES else 0.5))
+
+
+def _sample(graph: MeasurementGraph) -> NDArray[np.int32]:
+    """At most so many edges, evenly spread."""
+    count = min(graph.num_edges, _MAX_CYCLES)
+    return np.linspace(0, graph.num_edges - 1, count).astype(np.int32)
+
+
+def _errors(
+    graph: MeasurementGraph,
+    rotations: NDArray[np.float64],
+    edges: NDArray[np.int32],
+    lengths: NDArray[np.int32],
+) -> NDArray[np.float64]:
+    """What the cycles of these edges miss the identity by, over the root of their lengths."""
+    core = _core.MeasurementGraph(
+        graph.num_nodes, graph.indices, np.ascontiguousarray(rotations), graph.weights
+    )
+    angles = _core.residual_angles(core, _core.shortest_path_init(core))
+    return np.asarray(angles[edges] / np.sqrt(lengths))
