@@ -58,7 +58,9 @@ ROTAVG_INLINE Matrix3 nearest_rotation(const Matrix3& M) {
       return Eigen::Quaterniond(X).normalized().matrix();
     }
   }
-  return loso(-M.transpose());
+  Matrix3 A = -M;
+  A.transposeInPlace();
+  return loso(A);
 }
 
 }  // namespace rotavg
