@@ -151,6 +151,27 @@ void tell_uncertainty(const rotavg::MeasurementGraph& graph, const rotavg::Rotat
          "anisotropic covariances");
 }
 
+/// All kinds of priors, true ones: a proof as without them.
+void use_priors(const rotavg::MeasurementGraph& graph, const rotavg::Rotations& R) {
+  rotavg::Priors priors;
+  priors.fixed.push_back({graph.nodes()[3], R[3]});
+  priors.absolute.push_back({graph.nodes()[9], R[9], 2.0});
+  priors.gravity.push_back({graph.nodes()[20], R[20].transpose() * priors.down, 1.0});
+  for (const std::size_t k : {std::size_t{30}, std::size_t{31}}) {
+    priors.rigs.push_back({graph.nodes()[k], 1, R[30].transpose() * R[k]});
+  }
+  const rotavg::GroundedGraph problem(graph, priors);
+  const rotavg::Solution solution = rotavg::solve(problem);
+  expect(solution.certificate.verdict == rotavg::Verdict::proved, "a proof with priors");
+  expect(rotavg::angle_between(solution.rotations[3], R[3]) < 1e-9, "a fixed node");
+  expect(rotavg::certify(problem, solution.rotations).gap < 1e-6, "the gap with priors");
+  expect(rotavg::marginal_covariances(problem, solution.rotations).status ==
+             rotavg::CovarianceStatus::computed,
+         "covariances with priors");
+  const rotavg::RobustSolution robust = rotavg::solve_robust(graph, priors);
+  expect(rotavg::angle_between(robust.rotations[3], R[3]) < 1e-9, "robust with priors");
+}
+
 /// Every loss sees through some wrong chords.
 void see_through_outliers(const rotavg::Solution& clean) {
   const rotavg::MeasurementGraph graph(measure(8));
@@ -184,6 +205,7 @@ int main() {
   certify(graph, solution);
   look_around(graph, solution);
   tell_uncertainty(graph, solution.rotations);
+  use_priors(graph, solution.rotations);
   see_through_outliers(solution);
   return failures == 0 ? 0 : 1;
 }
