@@ -108,6 +108,12 @@ def solve(
     loss: str,
     loss_scale: float,
     cycle_threshold: float,
+    min_cycles: int,
+    weight_kind: str,
+    trusted: NDArray[np.bool_] | None,
+    excluded: NDArray[np.bool_] | None,
+    edge_scales: NDArray[np.float64] | None,
+    initial_weights: NDArray[np.float64] | None,
     priors: GroundedGraph | None,
     start_is_solution: bool,
 ) -> dict[str, Any]: ...
@@ -147,8 +153,9 @@ def join_pieces(
 def random_init(graph: MeasurementGraph, seed: int) -> NDArray[np.float64]: ...
 def cycle_evidence(
     graph: MeasurementGraph, threshold: float
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]: ...
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]: ...
 def bridges(graph: MeasurementGraph) -> NDArray[np.bool_]: ...
+def series(graph: MeasurementGraph) -> tuple[NDArray[np.int32], int]: ...
 def covariances(
     graph: MeasurementGraph,
     rotations: NDArray[np.float64],

@@ -30,8 +30,10 @@
 #ifndef ROTAVG_COMPILED
 #include <rotavg/graph/breadth_first.hpp>
 #include <rotavg/graph/bridges.hpp>
+#include <rotavg/graph/checked_part.hpp>
 #include <rotavg/graph/laplacian.hpp>
 #include <rotavg/graph/parts.hpp>
+#include <rotavg/graph/series.hpp>
 #include <rotavg/init/chordal.hpp>
 #include <rotavg/init/edge_support.hpp>
 #include <rotavg/init/quaternion.hpp>
@@ -57,6 +59,7 @@
 #include <rotavg/reduction/world.hpp>
 #include <rotavg/robust/consensus.hpp>
 #include <rotavg/robust/cycles.hpp>
+#include <rotavg/robust/edge_knowledge.hpp>
 #include <rotavg/robust/gnc.hpp>
 #include <rotavg/robust/inner.hpp>
 #include <rotavg/robust/irls.hpp>

@@ -34,7 +34,7 @@ struct EdgeKnowledge {
   /// Factors by which the scale of the loss, and the threshold of outliers, differ from edge to
   /// edge; positive. They replace what the weights say.
   std::vector<double> scales;
-  /// Robust weights, 0 to 1, with which the first least squares are solved.
+  /// Robust weights, 0 to 1, with which the first least squares are solved; these need no l1 then.
   std::vector<double> initial_weights;
 
   /// @throws std::invalid_argument unless all are of m edges and in range

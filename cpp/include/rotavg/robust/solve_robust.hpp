@@ -18,9 +18,10 @@ struct RobustOptions {
   /// c of RobustLoss, radians; zero: a multiple of the noise, which is estimated from the
   /// residuals.
   double scale = 0.0;
-  /// Edges with three or more short cycles, each of which misses the identity by more than this
+  /// Edges with so many short cycles or more, each of which misses the identity by more than this
   /// angle, are left out from the start; zero: none are.
   double cycle_threshold = 0.0;
+  int min_cycles = 3;
   WeightKind weight_kind = WeightKind::automatic;
   EdgeKnowledge known;
 };

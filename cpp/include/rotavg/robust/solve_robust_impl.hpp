@@ -82,7 +82,7 @@ inline std::vector<bool> refuted_edges(const MeasurementGraph& graph, const Solv
   std::vector<bool> refuted;
   for (const CycleEvidence& e : evidence) {
     const auto k = static_cast<Index>(refuted.size());
-    refuted.push_back(e.refuted() && !robust.known.trusts(k));
+    refuted.push_back(e.refuted(robust.min_cycles) && !robust.known.trusts(k));
   }
   return refuted;
 }
@@ -98,6 +98,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   if (!(robust.scale >= 0.0) || !(robust.cycle_threshold >= 0.0)) {
     throw std::invalid_argument("a scale or threshold is negative or not a number");
   }
+  if (robust.min_cycles < 1) throw std::invalid_argument("min_cycles is less than 1");
   robust.known.check(graph);
   const Stopwatch watch;
   std::vector<bool> refuted, left_out = robust.known.excluded;
@@ -126,8 +127,9 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   Rotations R = start ? part.of_nodes(checked_rotations(graph, std::move(*start)))
                       : run.least_squares(part.of_edges(robust.known.initial_weights), init);
   std::vector<Rotations> starts{R};
+  const bool knows_weights = !robust.known.initial_weights.empty();
   const IterationResult l1 =
-      run.reweighted(R, {Loss::l1, l1_scale}, l1_gain, go_on() ? l1_limit : 0);
+      run.reweighted(R, {Loss::l1, l1_scale}, l1_gain, go_on() && !knows_weights ? l1_limit : 0);
   R = l1.rotations;
   starts.push_back(R);
 
