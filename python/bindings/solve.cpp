@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <optional>
 
 #include <pybind11/functional.h>
@@ -55,6 +56,14 @@ py::dict solution_dict(const rotavg::Solution& s) {
   return result;
 }
 
+py::object prior_verdicts(const rotavg::PriorVerdicts& v) {
+  if (v.weights.empty()) return py::none();
+  py::array_t<bool> is_outlier(static_cast<py::ssize_t>(v.is_outlier.size()));
+  std::copy(v.is_outlier.begin(), v.is_outlier.end(), is_outlier.mutable_data());
+  return py::dict(py::arg("noise") = v.noise, py::arg("threshold") = v.threshold,
+                  py::arg("weights") = from_vector(v.weights), py::arg("is_outlier") = is_outlier);
+}
+
 py::dict robust_dict(const rotavg::RobustSolution& s) {
   py::list verdicts;
   for (const rotavg::EdgeVerdict verdict : s.verdicts.edges) verdicts.append(name_of(verdict));
@@ -68,6 +77,8 @@ py::dict robust_dict(const rotavg::RobustSolution& s) {
   result["edge_scales"] = from_vector(s.edge_scales);
   result["edge_verdicts"] = verdicts;
   result["part"] = from_vector(s.verdicts.part);
+  result["absolute_priors"] = prior_verdicts(s.absolute);
+  result["gravity_priors"] = prior_verdicts(s.gravity);
   return result;
 }
 
@@ -101,7 +112,7 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
                const std::string& weight_kind, const std::optional<py::array_t<bool>>& trusted,
                const std::optional<py::array_t<bool>>& excluded,
                const std::optional<DoubleArray>& edge_scales,
-               const std::optional<DoubleArray>& initial_weights,
+               const std::optional<DoubleArray>& initial_weights, bool robust_priors,
                const rotavg::GroundedGraph* priors, bool start_is_solution) {
   SignalCheck signals;
   rotavg::SolveOptions options;
@@ -131,7 +142,8 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
       cycle_threshold,
       min_cycles,
       value_of<rotavg::WeightKind>(weight_kind),
-      {to_mask(trusted), to_mask(excluded), to_doubles(edge_scales), to_doubles(initial_weights)}};
+      {to_mask(trusted), to_mask(excluded), to_doubles(edge_scales), to_doubles(initial_weights)},
+      robust_priors};
   const bool plain = robust.loss == rotavg::Loss::l2 && cycle_threshold == 0.0 && !excluded;
   rotavg::RobustSolution solution;
   {
@@ -225,9 +237,10 @@ void bind_solve(py::module_& m) {
         py::arg("time_limit"), py::arg("num_threads"), py::arg("certify"),
         py::arg("certificate_tolerance"), py::arg("certificate_failure_probability"),
         py::arg("certificate_seed"), py::arg("certificate_max_flops"), py::arg("callback"),
-        py::arg("loss"), py::arg("loss_scale"), py::arg("cycle_threshold"),
-        py::arg("min_cycles"), py::arg("weight_kind"), py::arg("trusted"), py::arg("excluded"),
-        py::arg("edge_scales"), py::arg("initial_weights"), py::arg("priors").none(true), py::arg("start_is_solution"));
+        py::arg("loss"), py::arg("loss_scale"), py::arg("cycle_threshold"), py::arg("min_cycles"),
+        py::arg("weight_kind"), py::arg("trusted"), py::arg("excluded"), py::arg("edge_scales"),
+        py::arg("initial_weights"), py::arg("robust_priors"), py::arg("priors").none(true),
+        py::arg("start_is_solution"));
   m.def("refine_anisotropic", &refine_anisotropic, py::arg("graph"), py::arg("information"),
         py::arg("rotations"), py::kw_only(), py::arg("tolerance"), py::arg("max_iterations"),
         py::arg("time_limit"), py::arg("num_threads"), py::arg("callback"),

@@ -13,10 +13,14 @@
 #include <rotavg/graph/series.hpp>
 #include <rotavg/init/spanning_tree.hpp>
 #include <rotavg/problem/objective.hpp>
+#include <rotavg/reduction/grounded_graph.hpp>
+#include <rotavg/reduction/prior_objective.hpp>
+#include <rotavg/reduction/refined_gravity.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/run.hpp>
 #include <rotavg/robust/scale.hpp>
 #include <rotavg/robust/solve_robust.hpp>
+#include <rotavg/robust/solve_robust_with_priors.hpp>
 #include <rotavg/solve/solve.hpp>
 
 #include "support/graphs.hpp"
@@ -316,4 +320,82 @@ TEST_CASE("ten right edges of fifty between two nodes are enough, without noise 
       }
     }
   }
+}
+
+TEST_CASE("wrong priors do not tilt the world: a loss on gravity and absolute rotations") {
+  Random random;
+  INFO(random.replay());
+  const Rotations truth = random.rotations(50);
+  const MeasurementGraph graph(
+      test::measure(random, test::random_connected(random, 50, 150), truth, 0.01));
+  Priors priors;
+  std::vector<bool> is_wrong;
+  for (Index i = 0; i < 50; ++i) {
+    is_wrong.push_back(i % 4 == 1);
+    const Vector3 off(random.normal(), random.normal(), random.normal());
+    const Vector3 down = exp_so3(0.01 * off) * truth[i].transpose() * Vector3::UnitY();
+    priors.gravity.push_back({i, is_wrong.back() ? random.direction() : down, 1.0});
+    const Matrix3 known = truth[i] * exp_so3(0.02 * random.direction());
+    if (i % 3 == 0) {
+      priors.absolute.push_back({i, i % 12 == 0 ? random.rotation() : known, 1.0});
+    }
+  }
+  const auto tilt = [&](const Rotations& R) {
+    double largest = 0.0;
+    for (std::size_t i = 0; i < R.size(); ++i) {
+      largest = std::max(
+          largest, (R[i] * truth[i].transpose() * Vector3::UnitY() - Vector3::UnitY()).norm());
+    }
+    return largest;
+  };
+  RobustOptions robust;
+  robust.priors = false;
+  CHECK(tilt(solve_robust(graph, priors, {}, robust).rotations) > 0.05);
+  for (const Loss kind : {Loss::automatic, Loss::l1, Loss::geman_mcclure, Loss::tls}) {
+    CAPTURE(static_cast<int>(kind));
+    robust = {kind};
+    const RobustSolution solution = solve_robust(graph, priors, {}, robust);
+    CHECK(tilt(solution.rotations) < 0.03);
+    CHECK(solution.certificate.verdict == Verdict::proved);
+    REQUIRE(solution.gravity.is_outlier.size() == 50);
+    REQUIRE(solution.absolute.is_outlier.size() == 17);
+    Index missed = 0, accused = 0;
+    for (Index i = 0; i < 50; ++i) {
+      missed += is_wrong[i] && !solution.gravity.is_outlier[i];
+      accused += !is_wrong[i] && solution.gravity.is_outlier[i];
+      CHECK(solution.gravity.weights[i] <= 1.0 + 1e-12);
+    }
+    CHECK(missed <= 1);  // random directions can be right
+    CHECK(accused <= 4);
+    for (std::size_t k = 0; k < 17; ++k) CHECK(solution.absolute.is_outlier[k] == (k % 4 == 0));
+    // What is proved is the problem with the final weights.
+    GroundedGraph weighted(graph, priors);
+    weighted.set_weights(solution.edge_weights);
+    weighted.set_prior_weights(solution.absolute.weights, solution.gravity.weights);
+    CHECK(objective(weighted, solution.rotations) ==
+          doctest::Approx(solution.objective).epsilon(1e-9));
+  }
+}
+
+TEST_CASE("gravity estimated from the neighbours is nearer the truth, and wrong directions go") {
+  Random random;
+  INFO(random.replay());
+  const Rotations truth = random.rotations(60);
+  const MeasurementGraph graph(
+      test::measure(random, test::random_connected(random, 60, 400), truth, 0.005));
+  std::vector<Vector3> down, exact;
+  for (Index i = 0; i < 60; ++i) {
+    exact.push_back(truth[i].transpose() * Vector3::UnitY());
+    const Vector3 off(random.normal(), random.normal(), random.normal());
+    down.push_back(3.0 * (exp_so3(0.03 * off) * exact.back()));
+    if (i % 5 == 2) down.back() = random.direction();
+    if (i == 7) down.back().setZero();  // not known
+  }
+  const std::vector<Vector3> refined = refined_gravity(graph, down);
+  for (Index i = 0; i < 60; ++i) {
+    CHECK(refined[i].norm() == doctest::Approx(1.0).epsilon(1e-12));
+    CHECK((refined[i] - exact[i]).norm() < 0.06);
+  }
+  CHECK(refined_gravity(graph, std::vector<Vector3>(60, Vector3::Zero()))[3].isZero(0.0));
+  CHECK_THROWS_AS(refined_gravity(graph, {}), std::invalid_argument);
 }

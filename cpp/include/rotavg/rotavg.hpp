@@ -54,11 +54,13 @@
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/reduction/prior_objective.hpp>
 #include <rotavg/reduction/reduced_graph.hpp>
+#include <rotavg/reduction/refined_gravity.hpp>
 #include <rotavg/reduction/riding.hpp>
 #include <rotavg/reduction/rigs.hpp>
 #include <rotavg/reduction/world.hpp>
 #include <rotavg/robust/consensus.hpp>
 #include <rotavg/robust/cycles.hpp>
+#include <rotavg/robust/default_scale.hpp>
 #include <rotavg/robust/edge_knowledge.hpp>
 #include <rotavg/robust/gnc.hpp>
 #include <rotavg/robust/inner.hpp>
@@ -66,6 +68,7 @@
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/reweighted_sweep.hpp>
+#include <rotavg/robust/robust_priors.hpp>
 #include <rotavg/robust/run.hpp>
 #include <rotavg/robust/scale.hpp>
 #include <rotavg/robust/verdicts.hpp>

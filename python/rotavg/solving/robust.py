@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -12,10 +12,38 @@ from numpy.typing import NDArray
 from rotavg import _core
 from rotavg.base.arrays import read_only
 from rotavg.base.errors import GraphError, OptionError
+from rotavg.graph.ids import IdArray, as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.priors.priors import Priors
 from rotavg.solving import options
 
 Loss = Literal["l2", "auto", "huber", "l1", "l_half", "cauchy", "geman_mcclure", "tls"]
+
+
+@dataclass(frozen=True, eq=False)
+class PriorFit:
+    """What a robust loss has made of absolute priors, or of gravity.
+
+    Attributes:
+        nodes: (k,) ids of the nodes that have one, in the order of the graph.
+        noise: estimated standard deviation of the angle by which they are off, radians.
+        threshold: those further off are outliers, radians: 3 times the noise.
+        given_weights: (k,) weights as they were given.
+        weights: (k,) these times what the loss left of them.
+        is_outlier: (k,) whether they are.
+    """
+
+    nodes: IdArray
+    noise: float
+    threshold: float
+    given_weights: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    is_outlier: NDArray[np.bool_]
+
+    @property
+    def believed_weights(self) -> NDArray[np.float64]:
+        """(k,) the given weights of those that are no outliers, of the others what is left."""
+        return np.where(self.is_outlier, self.weights, self.given_weights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +71,8 @@ class RobustFit:
         part: (n,) label of the part of the graph that each node is in; parts are held together by
             edges that are no outliers. Where a component has several, their rotations relative to
             each other rest on distrusted edges alone.
+        absolute_priors: what became of absolute priors; None without, or if they were not judged.
+        gravity_priors: the same of gravity.
     """
 
     loss: str
@@ -54,17 +84,40 @@ class RobustFit:
     edge_scales: NDArray[np.float64]
     edge_verdicts: NDArray[np.str_]
     part: NDArray[np.int32]
+    absolute_priors: PriorFit | None = None
+    gravity_priors: PriorFit | None = None
 
     @classmethod
     def from_core(cls, core: dict[str, Any]) -> RobustFit:
         """From what the core returns."""
-        arrays = {
+        arrays: dict[str, Any] = {
             "edge_weights": read_only(core["edge_weights"]),
             "edge_scales": read_only(core["edge_scales"]),
             "edge_verdicts": read_only(np.array(core["edge_verdicts"], dtype=np.str_)),
             "part": read_only(core["part"]),
         }
+        for kind in ("absolute_priors", "gravity_priors"):
+            if core[kind] is not None:
+                none = np.empty(0)
+                arrays[kind] = PriorFit(nodes=none, given_weights=none, **core[kind])
         return cls(**{**core, **arrays})
+
+    def with_priors(self, graph: MeasurementGraph, priors: Priors) -> RobustFit:
+        """The same, with nodes and given weights of the priors."""
+        named = {}
+        for kind, of_nodes in (("absolute", priors.absolute), ("gravity", priors.gravity)):
+            fit = getattr(self, f"{kind}_priors")
+            if fit is not None:
+                keys = [key.item() if isinstance(key, np.generic) else key for key in of_nodes]
+                rows = rows_of(as_ids(keys, kind), graph.nodes)
+                order = np.argsort(rows, kind="stable")
+                weights = np.array([float(weight) for _, weight in of_nodes.values()])
+                named[f"{kind}_priors"] = replace(
+                    fit,
+                    nodes=read_only(graph.nodes[rows[order]]),
+                    given_weights=read_only(weights[order]),
+                )
+        return replace(self, **named)
 
     @property
     def num_parts(self) -> int:
@@ -97,6 +150,15 @@ class RobustFit:
                 + (f": {how}" if counts["cycle_check"] or counts["excluded"] else ""),
             ),
         ]
+        for what, fit in (("absolute", self.absolute_priors), ("gravity", self.gravity_priors)):
+            if fit is not None:
+                rows.append(
+                    (
+                        f"{what} priors",
+                        f"{int(fit.is_outlier.sum())} of {len(fit.nodes)} are outliers, beyond "
+                        f"{np.degrees(fit.threshold):.3g} deg",
+                    )
+                )
         if counts["trusted"]:
             rows.append(("trusted", f"{counts['trusted']} edges that the loss does not touch"))
         if counts["bridge"]:

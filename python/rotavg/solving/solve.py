@@ -64,6 +64,7 @@ def solve(
     edge_scales: ArrayLike | None = None,
     initial_weights: ArrayLike | None = None,
     priors: Priors | None = None,
+    robust_priors: bool = True,
     anisotropic: bool = False,
 ) -> Solution:
     """Find the rotations that minimise sum of w |R_i R_ij - R_j|_F^2, and certify them.
@@ -135,6 +136,8 @@ def solve(
         initial_weights: (m,) robust weights, 0 to 1, with which the first least squares are solved.
         priors: what is known of the rotations beforehand (docs/priors.md): then they are those in
             the world of the priors, and the certificate is that of the problem with the priors.
+        robust_priors: whether a robust loss is that of absolute priors and gravity, too, each kind
+            with a noise of its own (`Solution.robust.gravity_priors`); fixed rotations stay fixed.
         anisotropic: whether to go on from there to a local minimum of sum of r^T C^-1 r, with C the
             covariances of the graph and r = log(R_ij^T R_i^T R_j), by the method of Gauss and
             Newton. That answer has no certificate; `Solution.isotropic` is where it started.
@@ -187,6 +190,7 @@ def solve(
         "cycle_threshold": options.angle("cycle_threshold", cycle_threshold, None),
         "min_cycles": options.whole("min_cycles", min_cycles, 1, 2**31 - 1),
         "weight_kind": options.word("weight_kind", weight_kind),
+        "robust_priors": bool(robust_priors),
         **_known_edges(graph, loss, trusted, excluded, edge_scales, initial_weights),
     }
 
@@ -202,6 +206,12 @@ def solve(
         priors=None if grounded is None else grounded.core,
         start_is_solution=origin == "solution",
     )
+    robust = None
+    if "robust" in core:
+        robust = RobustFit.from_core(core["robust"])
+        if priors is not None and grounded is not None:
+            robust = robust.with_priors(graph, priors)
+            grounded = grounded.with_prior_weights(robust.absolute_priors, robust.gravity_priors)
     solution = Solution(
         graph=graph,
         rotations=read_only(core["rotations"]),
@@ -217,7 +227,7 @@ def solve(
         timings=Timings(**core["seconds"]),
         certificate=_certificate(core["certificate"], settings["certificate_tolerance"]),
         component=read_only(core["component"]),
-        robust=RobustFit.from_core(core["robust"]) if "robust" in core else None,
+        robust=robust,
         grounded=grounded,
     )
     if core["interrupted"]:

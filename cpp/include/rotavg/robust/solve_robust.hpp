@@ -24,6 +24,15 @@ struct RobustOptions {
   int min_cycles = 3;
   WeightKind weight_kind = WeightKind::automatic;
   EdgeKnowledge known;
+  bool priors = true;  ///< whether the loss is that of absolute priors and gravity, too
+};
+
+/// What a robust loss has made of absolute priors, or of gravity.
+struct PriorVerdicts {
+  double noise = 0.0;            ///< estimated standard deviation of their angle, radians
+  double threshold = 0.0;        ///< of outliers, radians: 3 times the noise
+  std::vector<double> weights;   ///< given weight times robust weight, in the order of the nodes
+  std::vector<bool> is_outlier;  ///< in the same order
 };
 
 /// The weighted least-squares solution that the reweighting ended with: `objective`,
@@ -38,6 +47,7 @@ struct RobustSolution : Solution {
   /// above; infinite for trusted ones
   std::vector<double> edge_scales;
   EdgeVerdicts verdicts;
+  PriorVerdicts absolute, gravity;  ///< empty without priors
   Index moved_by_votes = 0;
 };
 

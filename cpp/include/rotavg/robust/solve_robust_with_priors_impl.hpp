@@ -8,7 +8,9 @@
 #include <vector>
 
 #include <rotavg/compiled.hpp>
+#include <rotavg/reduction/alignment.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
+#include <rotavg/robust/robust_priors.hpp>
 #include <rotavg/robust/solve_robust_impl.hpp>
 #include <rotavg/robust/solve_robust_with_priors.hpp>
 #include <rotavg/solve/solve_with_priors_impl.hpp>
@@ -55,6 +57,43 @@ inline void tell_of_measurements(const GroundedGraph& problem, const RobustOptio
   solution.verdicts = {std::move(verdicts), std::move(part)};
 }
 
+/// Gives the priors their robust weights. First the components turn as a whole, as the priors that
+/// agree have it; then measurements and priors are solved together, as the weights change, since
+/// rotations that drift are held by their priors only there.
+///
+/// @param weighted with the robust weights of the measurements
+/// @param solution of the measurements alone; receives where it ended, and the verdicts
+inline void weigh_priors(GroundedGraph& weighted, const SolveOptions& options,
+                         const Stopwatch& watch, RobustSolution& solution) {
+  constexpr int turns = 40, rounds = 12;
+  constexpr double settled = 1e-3;
+  RobustPriors priors(weighted, solution.loss);
+  const auto weigh = [&](bool rough) {
+    const double change = priors.update(weighted, solution.rotations, rough);
+    weighted.set_prior_weights(priors.absolute().weights, priors.gravity().weights);
+    return change;
+  };
+  const auto turn = [&] {
+    solution.rotations =
+        aligned_with_priors(weighted, solution.components.label, std::move(solution.rotations));
+  };
+  turn();
+  for (const bool rough : {true, false}) {
+    for (int k = 0; k < turns && weigh(rough) > settled; ++k) turn();
+  }
+  for (int k = 0; k < rounds && solution.status != Status::stopped; ++k) {
+    SolveOptions rest = options;
+    rest.certify = false;
+    rest.iteration.tolerance = std::max(options.iteration.tolerance, 1e-6);
+    rest.iteration.callback = nullptr;
+    rest.iteration.time_limit = std::max(0.0, options.iteration.time_limit - watch.seconds());
+    solution.rotations = meet_priors(weighted, solution, rest).rotations;
+    if (weigh(false) <= settled) break;
+  }
+  solution.absolute = priors.absolute();
+  solution.gravity = priors.gravity();
+}
+
 /// What is known of the measurements between frames.
 inline EdgeKnowledge between_frames(const GroundedGraph& problem, const EdgeKnowledge& known) {
   const Riding& frames = problem.frames();
@@ -88,6 +127,9 @@ ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem, const So
   if (!problem.has_world()) return solution;
   GroundedGraph weighted = problem;
   weighted.set_weights(solution.edge_weights);
+  if (robust.priors && solution.loss.kind != Loss::l2) {
+    detail::weigh_priors(weighted, options, watch, solution);
+  }
   SolveOptions rest = options;
   rest.iteration.max_iterations =
       std::max(0, options.iteration.max_iterations - solution.iterations);
