@@ -228,9 +228,15 @@ def cycle_evidence(
     if not (isinstance(threshold, (int, float, np.number)) and 0 <= threshold <= np.pi):
         raise OptionError(f"threshold is {threshold!r}; expected an angle in radians, 0 to pi")
     least = options.whole("min_cycles", min_cycles, 1, 2**31 - 1)
-    found = _core.cycle_evidence(graph._core, float(threshold))
-    checked, agreeing, median, smallest = map(read_only, found)
-    return CycleEvidence(checked, agreeing, median, smallest, bridges(graph), least)
+    checked, agreeing, median, smallest = _core.cycle_evidence(graph._core, float(threshold))
+    return CycleEvidence(
+        checked=read_only(checked),
+        agreeing=read_only(agreeing),
+        median_error=read_only(median),
+        least_error=read_only(smallest),
+        bridge=bridges(graph),
+        min_cycles=least,
+    )
 
 
 def bridges(graph: MeasurementGraph) -> NDArray[np.bool_]:

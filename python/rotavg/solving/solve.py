@@ -250,21 +250,16 @@ def _known_edges(
     for name, value in robust.items():
         if value is not None and loss == "l2":
             raise OptionError(f'{name} is for a robust loss, and this is "l2"')
-    known = {
-        "trusted": edge_mask(graph, "trusted", trusted),
-        "excluded": edge_mask(graph, "excluded", excluded),
+    trust, left_out = edge_mask(graph, "trusted", trusted), edge_mask(graph, "excluded", excluded)
+    if trust is not None and left_out is not None and (trust & left_out).any():
+        i, j = graph.edges[np.argmax(trust & left_out)].tolist()
+        raise OptionError(f"the edge ({i!r}, {j!r}) is both trusted and excluded")
+    return {
+        "trusted": trust,
+        "excluded": left_out,
         "edge_scales": edge_values(graph, "edge_scales", edge_scales, 1e-50, 1e50),
         "initial_weights": edge_values(graph, "initial_weights", initial_weights, 0.0, 1.0),
     }
-    both = (
-        None
-        if known["trusted"] is None or known["excluded"] is None
-        else known["trusted"] & known["excluded"]
-    )
-    if both is not None and both.any():
-        i, j = graph.edges[np.argmax(both)].tolist()
-        raise OptionError(f"the edge ({i!r}, {j!r}) is both trusted and excluded")
-    return known
 
 
 def certify(
