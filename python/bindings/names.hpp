@@ -76,13 +76,24 @@ struct Names<rotavg::Loss> {
 };
 
 template <>
+struct Names<rotavg::WeightKind> {
+  static constexpr const char* option = "weight_kind";
+  static constexpr std::pair<rotavg::WeightKind, const char*> list[] = {
+      {rotavg::WeightKind::automatic, "auto"},
+      {rotavg::WeightKind::precision, "precision"},
+      {rotavg::WeightKind::frequency, "frequency"}};
+};
+
+template <>
 struct Names<rotavg::EdgeVerdict> {
   static constexpr std::pair<rotavg::EdgeVerdict, const char*> list[] = {
       {rotavg::EdgeVerdict::inlier, "inlier"},
       {rotavg::EdgeVerdict::bridge, "bridge"},
+      {rotavg::EdgeVerdict::trusted, "trusted"},
       {rotavg::EdgeVerdict::robust_weight, "robust_weight"},
       {rotavg::EdgeVerdict::cycle_check, "cycle_check"},
-      {rotavg::EdgeVerdict::weak_part, "weak_part"}};
+      {rotavg::EdgeVerdict::weak_part, "weak_part"},
+      {rotavg::EdgeVerdict::excluded, "excluded"}};
 };
 
 template <>

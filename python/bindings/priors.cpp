@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <optional>
 #include <stdexcept>
 #include <utility>
@@ -8,6 +9,7 @@
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/reduction/prior_objective.hpp>
+#include <rotavg/reduction/refined_gravity.hpp>
 #include <rotavg/uncertainty/covariance_with_priors.hpp>
 
 #include "bindings.hpp"
@@ -102,6 +104,25 @@ py::array_t<double> numbers(const GroundedGraph& problem, const DoubleArray& rot
   return from_vector(function(problem, node_rotations(problem, rotations)));
 }
 
+/// Directions (n, 3), zero where there are none.
+py::array_t<double> refined_gravity(const MeasurementGraph& graph, const DoubleArray& down,
+                                    int rounds) {
+  const auto n = static_cast<std::size_t>(graph.num_nodes());
+  if (down.ndim() != 2 || down.shape(1) != 3) {
+    throw std::invalid_argument("directions must have three entries");
+  }
+  check_count(down, n, "directions");
+  std::vector<rotavg::Vector3> directions;
+  for (std::size_t i = 0; i < n; ++i) directions.emplace_back(down.data() + 3 * i);
+  const auto refined =
+      without_gil([&] { return rotavg::refined_gravity(graph, std::move(directions), rounds); });
+  py::array_t<double> result({static_cast<py::ssize_t>(n), py::ssize_t{3}});
+  for (std::size_t i = 0; i < n; ++i) {
+    std::copy(refined[i].data(), refined[i].data() + 3, result.mutable_data() + 3 * i);
+  }
+  return result;
+}
+
 py::tuple invalid_prior_arguments(const rotavg::InvalidPrior& error) {
   return py::make_tuple(name_of(error.kind()), error.node(), error.reason());
 }
@@ -109,6 +130,7 @@ py::tuple invalid_prior_arguments(const rotavg::InvalidPrior& error) {
 }  // namespace
 
 void bind_priors(py::module_& m) {
+  m.def("refined_gravity", &refined_gravity, py::arg("graph"), py::arg("down"), py::arg("rounds"));
   register_error<rotavg::InvalidPrior, invalid_prior_arguments>(m, "InvalidPrior");
   py::class_<GroundedGraph>(m, "GroundedGraph")
       .def(py::init(&make_grounded), py::keep_alive<1, 2>(), py::arg("given"), py::kw_only(),
@@ -124,6 +146,16 @@ void bind_priors(py::module_& m) {
             return other;
           },
           py::keep_alive<0, 1>(), py::arg("weights"))
+      .def(
+          "with_prior_weights",
+          [](const GroundedGraph& problem, const DoubleArray& absolute,
+             const DoubleArray& gravity) {
+            GroundedGraph other = problem;
+            other.set_prior_weights({absolute.data(), absolute.data() + absolute.size()},
+                                    {gravity.data(), gravity.data() + gravity.size()});
+            return other;
+          },
+          py::keep_alive<0, 1>(), py::arg("absolute"), py::arg("gravity"))
       .def_property_readonly("kept", [](const GroundedGraph& p) { return from_vector(p.kept()); })
       .def_property_readonly("num_free_headings", &GroundedGraph::num_free_headings)
       .def_property_readonly("degrees_of_freedom", &rotavg::degrees_of_freedom)

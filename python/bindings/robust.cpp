@@ -3,6 +3,7 @@
 
 #include <rotavg/graph/bridges.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/graph/series.hpp>
 #include <rotavg/robust/cycles.hpp>
 
 #include "bindings.hpp"
@@ -21,11 +22,15 @@ py::tuple cycle_evidence(const MeasurementGraph& graph, double threshold) {
       without_gil([&] { return rotavg::cycle_evidence(graph, threshold, signals.keep_going()); });
   signals.rethrow();
   std::vector<Index> checked, agreeing;
+  std::vector<double> median, least;
   for (const rotavg::CycleEvidence& e : evidence) {
     checked.push_back(e.checked);
     agreeing.push_back(e.agreeing);
+    median.push_back(e.median_error);
+    least.push_back(e.least_error);
   }
-  return py::make_tuple(from_vector(checked), from_vector(agreeing));
+  return py::make_tuple(from_vector(checked), from_vector(agreeing), from_vector(median),
+                        from_vector(least));
 }
 
 py::array_t<bool> bridges(const MeasurementGraph& graph) {
@@ -35,11 +40,18 @@ py::array_t<bool> bridges(const MeasurementGraph& graph) {
   return result;
 }
 
+/// The series of every edge, -1 for bridges, and the number of independent cycles.
+py::tuple series(const MeasurementGraph& graph) {
+  const rotavg::Series series = without_gil([&] { return rotavg::series_of(graph); });
+  return py::make_tuple(from_vector(series.label), series.num_cycles);
+}
+
 }  // namespace
 
 void bind_robust(py::module_& m) {
   m.def("cycle_evidence", &cycle_evidence, py::arg("graph"), py::arg("threshold"));
   m.def("bridges", &bridges, py::arg("graph"));
+  m.def("series", &series, py::arg("graph"));
 }
 
 }  // namespace rotavg_python

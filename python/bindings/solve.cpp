@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <optional>
 
 #include <pybind11/functional.h>
@@ -55,6 +56,14 @@ py::dict solution_dict(const rotavg::Solution& s) {
   return result;
 }
 
+py::object prior_verdicts(const rotavg::PriorVerdicts& v) {
+  if (v.weights.empty()) return py::none();
+  py::array_t<bool> is_outlier(static_cast<py::ssize_t>(v.is_outlier.size()));
+  std::copy(v.is_outlier.begin(), v.is_outlier.end(), is_outlier.mutable_data());
+  return py::dict(py::arg("noise") = v.noise, py::arg("threshold") = v.threshold,
+                  py::arg("weights") = from_vector(v.weights), py::arg("is_outlier") = is_outlier);
+}
+
 py::dict robust_dict(const rotavg::RobustSolution& s) {
   py::list verdicts;
   for (const rotavg::EdgeVerdict verdict : s.verdicts.edges) verdicts.append(name_of(verdict));
@@ -65,9 +74,22 @@ py::dict robust_dict(const rotavg::RobustSolution& s) {
   result["threshold"] = s.threshold;
   result["objective"] = s.robust_objective;
   result["edge_weights"] = from_vector(s.edge_weights);
+  result["edge_scales"] = from_vector(s.edge_scales);
   result["edge_verdicts"] = verdicts;
   result["part"] = from_vector(s.verdicts.part);
+  result["absolute_priors"] = prior_verdicts(s.absolute);
+  result["gravity_priors"] = prior_verdicts(s.gravity);
   return result;
+}
+
+std::vector<bool> to_mask(const std::optional<py::array_t<bool>>& mask) {
+  if (!mask) return {};
+  return std::vector<bool>(mask->data(), mask->data() + mask->size());
+}
+
+std::vector<double> to_doubles(const std::optional<DoubleArray>& values) {
+  if (!values) return {};
+  return std::vector<double>(values->data(), values->data() + values->size());
 }
 
 /// @param callback of Python; must outlive the result
@@ -86,8 +108,12 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
                bool certify, double certificate_tolerance, double certificate_failure_probability,
                std::uint64_t certificate_seed, double certificate_max_flops,
                const std::optional<py::function>& callback, const std::string& loss,
-               double loss_scale, double cycle_threshold, const rotavg::GroundedGraph* priors,
-               bool start_is_solution) {
+               double loss_scale, double cycle_threshold, int min_cycles,
+               const std::string& weight_kind, const std::optional<py::array_t<bool>>& trusted,
+               const std::optional<py::array_t<bool>>& excluded,
+               const std::optional<DoubleArray>& edge_scales,
+               const std::optional<DoubleArray>& initial_weights, bool robust_priors,
+               const rotavg::GroundedGraph* priors, bool start_is_solution) {
   SignalCheck signals;
   rotavg::SolveOptions options;
   options.method = value_of<rotavg::Method>(method);
@@ -110,8 +136,15 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
   if (callback) options.iteration.callback = calling(*callback);
   std::optional<rotavg::Rotations> R;
   if (start) R = to_rotations(*start, "init");
-  const rotavg::RobustOptions robust{value_of<rotavg::Loss>(loss), loss_scale, cycle_threshold};
-  const bool plain = robust.loss == rotavg::Loss::l2 && cycle_threshold == 0.0;
+  const rotavg::RobustOptions robust{
+      value_of<rotavg::Loss>(loss),
+      loss_scale,
+      cycle_threshold,
+      min_cycles,
+      value_of<rotavg::WeightKind>(weight_kind),
+      {to_mask(trusted), to_mask(excluded), to_doubles(edge_scales), to_doubles(initial_weights)},
+      robust_priors};
+  const bool plain = robust.loss == rotavg::Loss::l2 && cycle_threshold == 0.0 && !excluded;
   rotavg::RobustSolution solution;
   {
     const py::gil_scoped_release release;
@@ -204,8 +237,10 @@ void bind_solve(py::module_& m) {
         py::arg("time_limit"), py::arg("num_threads"), py::arg("certify"),
         py::arg("certificate_tolerance"), py::arg("certificate_failure_probability"),
         py::arg("certificate_seed"), py::arg("certificate_max_flops"), py::arg("callback"),
-        py::arg("loss"), py::arg("loss_scale"), py::arg("cycle_threshold"),
-        py::arg("priors").none(true), py::arg("start_is_solution"));
+        py::arg("loss"), py::arg("loss_scale"), py::arg("cycle_threshold"), py::arg("min_cycles"),
+        py::arg("weight_kind"), py::arg("trusted"), py::arg("excluded"), py::arg("edge_scales"),
+        py::arg("initial_weights"), py::arg("robust_priors"), py::arg("priors").none(true),
+        py::arg("start_is_solution"));
   m.def("refine_anisotropic", &refine_anisotropic, py::arg("graph"), py::arg("information"),
         py::arg("rotations"), py::kw_only(), py::arg("tolerance"), py::arg("max_iterations"),
         py::arg("time_limit"), py::arg("num_threads"), py::arg("callback"),

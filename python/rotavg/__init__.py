@@ -30,10 +30,11 @@ from rotavg.graph.nearest import nearest_rotation
 from rotavg.graph.translations import RelativeTranslations
 from rotavg.io import read, read_rotations, write, write_covariances, write_edges
 from rotavg.priors.priors import Priors
+from rotavg.priors.refined_gravity import refined_gravity
 from rotavg.simulation.simulate import Simulation, simulate
 from rotavg.solving.certificate import Certificate, ComponentCertificate, Shortfall, Verdict
 from rotavg.solving.positions import positions
-from rotavg.solving.robust import CycleEvidence, RobustFit, cycle_evidence
+from rotavg.solving.robust import CycleEvidence, PriorFit, RobustFit, cycle_evidence
 from rotavg.solving.solution import Interrupted, Solution
 from rotavg.solving.solve import certify, gradient, objective, solve
 from rotavg.solving.status import Status, Timings, Trace
@@ -54,6 +55,7 @@ __all__ = [
     "MeasurementGraph",
     "MissingExtraError",
     "OptionError",
+    "PriorFit",
     "Priors",
     "Progress",
     "RelativeTranslations",
@@ -78,6 +80,7 @@ __all__ = [
     "positions",
     "read",
     "read_rotations",
+    "refined_gravity",
     "simulate",
     "solve",
     "write",

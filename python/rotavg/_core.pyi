@@ -45,6 +45,9 @@ class GroundedGraph:
         rig_rotations: NDArray[np.float64],
         down: NDArray[np.float64],
     ) -> None: ...
+    def with_prior_weights(
+        self, absolute: NDArray[np.float64], gravity: NDArray[np.float64]
+    ) -> GroundedGraph: ...
     def with_weights(self, weights: NDArray[np.float64]) -> GroundedGraph: ...
     @property
     def kept(self) -> NDArray[np.int32]: ...
@@ -108,6 +111,13 @@ def solve(
     loss: str,
     loss_scale: float,
     cycle_threshold: float,
+    min_cycles: int,
+    weight_kind: str,
+    trusted: NDArray[np.bool_] | None,
+    excluded: NDArray[np.bool_] | None,
+    edge_scales: NDArray[np.float64] | None,
+    initial_weights: NDArray[np.float64] | None,
+    robust_priors: bool,
     priors: GroundedGraph | None,
     start_is_solution: bool,
 ) -> dict[str, Any]: ...
@@ -147,8 +157,12 @@ def join_pieces(
 def random_init(graph: MeasurementGraph, seed: int) -> NDArray[np.float64]: ...
 def cycle_evidence(
     graph: MeasurementGraph, threshold: float
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]: ...
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]: ...
 def bridges(graph: MeasurementGraph) -> NDArray[np.bool_]: ...
+def refined_gravity(
+    graph: MeasurementGraph, down: NDArray[np.float64], rounds: int
+) -> NDArray[np.float64]: ...
+def series(graph: MeasurementGraph) -> tuple[NDArray[np.int32], int]: ...
 def covariances(
     graph: MeasurementGraph,
     rotations: NDArray[np.float64],

@@ -91,14 +91,14 @@ TEST_CASE("the robust objective of l2 is f, and its gradient that of the weighte
   const auto value = [&](const Rotations& at, const RobustLoss& loss) {
     graph.set_weights(given);
     squared_residuals(ResidualQuaternions(graph, to_quaternions(at), 1), x);
-    return robust_objective(given, x, loss, 1);
+    return robust_objective(given, x, loss, {}, 1);
   };
   CHECK(value(R, {Loss::l2}) == doctest::Approx(objective(graph, R)).epsilon(1e-12));
   for (const Loss kind : {Loss::huber, Loss::l1, Loss::l_half, Loss::cauchy, Loss::geman_mcclure}) {
     const RobustLoss loss{kind, 0.3};
     std::vector<double> weights;
     value(R, loss);
-    robust_weights(given, x, loss, 1, weights);
+    robust_weights(given, x, loss, {}, 1, weights);
     graph.set_weights(weights);
     const auto g = gradient(graph, R);
     for (Index i = 0; i < 7; ++i) {
@@ -125,7 +125,7 @@ TEST_CASE("reweighting never lets the robust objective rise, with any inner solv
       CAPTURE(static_cast<int>(kind));
       IterationOptions options;
       options.max_iterations = 30;
-      const IterationResult result = irls(graph, random.rotations(60), {kind, 0.1},
+      const IterationResult result = irls(graph, random.rotations(60), {kind, 0.1}, {},
                                           inner_steps(graph, method, 1), 0.0, options);
       REQUIRE(result.trace.size() > 2);
       for (std::size_t k = 1; k < result.trace.size(); ++k) {
@@ -148,10 +148,10 @@ TEST_CASE("a reweighted sweep sets the weights anew before every node") {
     const Rotations start = random.rotations(25);
     const Monitor monitor(graph, start, {});
     Quaternions q = to_quaternions(start), expected = q;
-    reweighted_sweep(graph, loss, q, monitor);
+    reweighted_sweep(graph, loss, {}, q, monitor);
     MeasurementGraph weighted = graph;
     for (Index l = 0; l < 25; ++l) {
-      weighted.set_weights(robust_weights(graph, expected, loss, 1));
+      weighted.set_weights(robust_weights(graph, expected, loss, {}, 1));
       expected[l] = loso(davenport_matrix(weighted, expected, l), expected[l]);
     }
     for (Index l = 0; l < 25; ++l) CHECK(chordal_distance(q[l], expected[l]) < 1e-9);
@@ -169,17 +169,17 @@ TEST_CASE("a sweep of votes never lets the objective rise, and frees a node that
   const auto value = [&] {
     std::vector<double> x;
     squared_residuals(ResidualQuaternions(graph, q, 1), x);
-    return robust_objective(weights, x, loss, 1);
+    return robust_objective(weights, x, loss, {}, 1);
   };
   const double before = value();
   std::vector<bool> open(30, true);
-  CHECK(vote_sweep(graph, weights, loss, q, open) >= 10);
+  CHECK(vote_sweep(graph, weights, {}, loss, q, open) >= 10);
   CHECK(value() < before);
   CHECK(largest_error(to_rotations(q), truth) < 0.3);
-  while (vote_sweep(graph, weights, loss, q, open) > 0) CHECK(value() < before);
+  while (vote_sweep(graph, weights, {}, loss, q, open) > 0) CHECK(value() < before);
   // Nodes that are no longer open have nothing to gain.
   open.assign(30, true);
-  CHECK(vote_sweep(graph, weights, loss, q, open) == 0);
+  CHECK(vote_sweep(graph, weights, {}, loss, q, open) == 0);
 }
 
 TEST_CASE("solve_robust finds the truth behind wrong edges, names these, and proves the rest") {
@@ -316,6 +316,12 @@ TEST_CASE("cycle evidence counts the triangles of a small graph") {
   CHECK(evidence[2].agreeing == 1);
   CHECK(evidence[4].agreeing == 0);
   CHECK(evidence[5].checked == 0);
+  CHECK(evidence[0].median_error == doctest::Approx(0.275).epsilon(1e-9));
+  CHECK(evidence[0].least_error == doctest::Approx(0.05).epsilon(1e-9));
+  CHECK(std::isnan(evidence[5].median_error));
+  CHECK(std::isnan(evidence[5].least_error));
+  CHECK(!cycle_evidence(graph, 0.04)[0].refuted());
+  CHECK(cycle_evidence(graph, 0.04)[0].refuted(2));
   CHECK(cycle_evidence(graph, 0.6)[0].agreeing == 2);
   CHECK(cycle_evidence(graph, 0.04)[2].agreeing == 0);
   CHECK(cycle_evidence(graph, 0.06)[2].agreeing == 1);

@@ -51,6 +51,7 @@ def _measures(graph: rotavg.MeasurementGraph, hardness: rotavg.Hardness) -> dict
             cycles[f"error_{name}_deg"] = float(np.percentile(angles, percent))
         cycles["contamination"] = contamination(hardness.cycle_angles / np.sqrt(lengths))
         cycles["noise_per_edge_deg"] = float(np.degrees(hardness.noise))
+        cycles["short"] = _short_cycles(graph)
     return {
         "nodes": graph.num_nodes,
         "edges": graph.num_edges,
@@ -66,6 +67,19 @@ def _measures(graph: rotavg.MeasurementGraph, hardness: rotavg.Hardness) -> dict
         "algebraic_connectivity": hardness.algebraic_connectivity,
         "cycles": cycles,
     }
+
+
+def _short_cycles(graph: rotavg.MeasurementGraph) -> dict[str, Any] | None:
+    """What cycles of two and three edges say of every edge that has one; None if none has."""
+    evidence = rotavg.cycle_evidence(graph, np.pi)
+    checked = evidence.checked > 0
+    if not checked.any():
+        return None
+    figures: dict[str, Any] = {"edges": int(checked.sum())}
+    for name, errors in (("median", evidence.median_error), ("least", evidence.least_error)):
+        middle, high = np.degrees(np.percentile(errors[checked], [50, 90]))
+        figures[f"{name}_error_deg"] = {"median": middle, "p90": high}
+    return figures
 
 
 def _rows(measures: dict[str, Any]) -> list[tuple[str, str]]:
@@ -111,6 +125,17 @@ def _rows(measures: dict[str, Any]) -> list[tuple[str, str]]:
             "(median of cycle error / sqrt(edges))",
         ),
     ]
+    if cycles["short"] is not None:
+        short = cycles["short"]
+        median, least = short["median_error_deg"], short["least_error_deg"]
+        rows.append(
+            (
+                "short cycles",
+                f"of {short['edges']} edges: an edge's median error {median['median']:.3g} deg, "
+                f"90 % below {median['p90']:.3g}; its least {least['median']:.3g} deg, 90 % below "
+                f"{least['p90']:.3g}",
+            )
+        )
     if cycles["contamination"] is not None:
         rows.append(("outliers?", f"of the cycle errors / sqrt(edges), {cycles['contamination']}"))
     return rows

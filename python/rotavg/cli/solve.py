@@ -14,6 +14,7 @@ import click
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.command import Command
+from rotavg.cli.known_edges import check_known_edges, known_edge_options, read_known_edges
 from rotavg.cli.options import choice, number
 from rotavg.cli.output import (
     print_json,
@@ -45,7 +46,10 @@ from rotavg.report import Run, check_report, write_report
         "Prior knowledge": ("fixed_path", "gravity_path", "gravity_weight"),
         "Uncertainty": ("covariances_path", "noise_variance"),
         "Anisotropic noise": ("anisotropic",),
-        "Outliers": ("loss", "loss_scale", "cycle_threshold"),
+        "Outliers": (
+            *("loss", "loss_scale", "weight_kind", "cycle_threshold", "min_cycles"),
+            *("trusted_path", "trust_odometry", "excluded_path"),
+        ),
         "When to stop": ("tolerance", "stop", "max_iterations", "time_limit"),
         "Certificate": (
             *("certificate_tolerance", "certificate_failure_probability"),
@@ -106,8 +110,10 @@ from rotavg.report import Run, check_report, write_report
     "--cycle-threshold",
     type=click.FloatRange(0, 180, min_open=True),
     metavar="DEG",
-    help="Leave out edges each of whose three or more short cycles misses by more degrees.",
+    help="Leave out edges each of whose three (or --min-cycles) or more short cycles misses by "
+    "more degrees.",
 )
+@known_edge_options
 @click.option(
     "--edges",
     "edges_path",
@@ -166,6 +172,9 @@ def solve(
     as_json: bool,
     loss_scale: str,
     cycle_threshold: float | None,
+    trusted_path: Path | None,
+    trust_odometry: bool,
+    excluded_path: Path | None,
     edges_path: Path | None,
     covariances_path: Path | None,
     noise_variance: float | None,
@@ -192,13 +201,20 @@ def solve(
         raise click.UsageError("--noise-variance is for --covariances, which is not given")
     if settings["loss"] == "l2" and loss_scale != "auto":
         raise click.UsageError("--loss-scale is for --loss, which is not given or l2")
+    check_known_edges(settings["loss"], trusted_path, trust_odometry, settings["weight_kind"])
     if output_format is not None and output is None:
         raise click.UsageError("--output-format is for --output, which is not given")
     check_prior_options(gravity_path, gravity_weight)
     if report is not None:
         check_report(report)
     init = settings["init"]
-    known = [fixed_path, gravity_path, init if isinstance(init, Path) else None]
+    known = [
+        fixed_path,
+        gravity_path,
+        trusted_path,
+        excluded_path,
+        init if isinstance(init, Path) else None,
+    ]
     atomic.check_distinct([output], known)
     atomic.check_distinct([edges_path, covariances_path, report], [input_path, output, *known])
     for path in (edges_path, covariances_path):
@@ -210,6 +226,7 @@ def solve(
     read_seconds = time.perf_counter() - start
     if not as_json:
         print_notes(graph)
+    settings.update(read_known_edges(graph, trusted_path, trust_odometry, excluded_path))
     settings["priors"] = read_priors(graph, fixed_path, gravity_path, gravity_weight)
     if isinstance(settings["init"], Path):
         settings["init"] = read_start(graph, settings["init"])

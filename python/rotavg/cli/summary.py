@@ -25,6 +25,11 @@ def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:
         "outliers": int(solution.is_outlier.sum()),
         "verdicts": dict(Counter(r.edge_verdicts.tolist())),
         "parts": r.num_parts,
+        "prior_outliers": {
+            kind: fit.nodes[fit.is_outlier].tolist()
+            for kind, fit in (("absolute", r.absolute_priors), ("gravity", r.gravity_priors))
+            if fit is not None
+        },
     }
 
 

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotavg.base.errors import FormatError
 from rotavg.graph.ids import IdArray
-from rotavg.io import atomic
+from rotavg.io import atomic, registry
+from rotavg.io.lines import content_lines
 
 if TYPE_CHECKING:
     from rotavg.solving.solution import Solution
@@ -42,6 +44,40 @@ def write_edges(path: str | os.PathLike[str], solution: Solution) -> None:
 def write_edge_list(path: str | os.PathLike[str], edges: IdArray) -> None:
     """Write the ids (k, 2) of edges, a line each, under a header; errors as in `write_edges`."""
     _write(path, HEADER[:2], edges.tolist())
+
+
+def read_edge_list(path: str | os.PathLike[str], column: str) -> list[tuple[str, str]]:
+    """Read the ids, as text, of the edges in a file: I J on every line, or a table of edges.
+
+    A table is CSV whose header names the columns i and j, as `write_edges` makes it. If it has the
+    column `column`, those edges are taken which have 1, true or yes there.
+
+    Raises:
+        FileAccessError: the file cannot be read.
+        FormatError: it holds something else; the message names the line.
+    """
+    path = Path(path)
+    edges: list[tuple[str, str]] = []
+    header: list[str] | None = None
+    for line, text in content_lines(path, registry.read_bytes((), path)):
+        words = text.decode(errors="replace").strip()
+        fields = [f.strip() for f in next(csv.reader([words]))] if "," in words else words.split()
+        if header is None and not edges and {"i", "j"} <= set(fields):
+            header = fields
+            continue
+        if header is not None and len(fields) != len(header):
+            found = f"found {len(fields)} fields, expected {len(header)} as in the header"
+            raise FormatError(found, path=path, line=line)
+        if len(fields) < 2:
+            raise FormatError(f"found {words!r}, expected I J", path=path, line=line)
+        row = dict(zip(header or ("i", "j"), fields))
+        chosen = row.get(column, "1").lower()
+        if chosen not in ("1", "0", "true", "false", "yes", "no"):
+            found = f"found {chosen!r} in the column {column}, expected 1 or 0"
+            raise FormatError(found, path=path, line=line)
+        if chosen in ("1", "true", "yes"):
+            edges.append((row["i"], row["j"]))
+    return edges
 
 
 def _write(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,14 @@ from rotavg.base.errors import GraphError
 from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.priors import Priors
+
+
+class Weighed(Protocol):
+    """What a robust loss made of priors of one kind."""
+
+    @property
+    def believed_weights(self) -> NDArray[np.float64]:
+        """(k,) in the order of the nodes of the graph."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +43,17 @@ class Grounded:
     def with_weights(self, weights: NDArray[np.float64]) -> _core.GroundedGraph:
         """The problem with other weights (m,) of the measurements."""
         return self.core.with_weights(np.ascontiguousarray(weights))
+
+    def with_prior_weights(self, absolute: Weighed | None, gravity: Weighed | None) -> Grounded:
+        """The same problem, in which outliers among the priors have no weight to speak of."""
+        if absolute is None and gravity is None:
+            return self
+        none = np.empty(0)
+        core = self.core.with_prior_weights(
+            none if absolute is None else absolute.believed_weights,
+            none if gravity is None else gravity.believed_weights,
+        )
+        return replace(self, core=core)
 
     @cached_property
     def between_variables(self) -> NDArray[np.int32]:

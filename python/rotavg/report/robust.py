@@ -18,9 +18,11 @@ from rotavg.solving.solution import Solution
 MEANINGS = {
     "inlier": "agrees with the others",
     "bridge": "no cycle passes through it: nothing checks it",
+    "trusted": "taken as it is, as asked",
     "robust_weight": "outlier: its residual is beyond the threshold",
     "cycle_check": "outlier: no short cycle through it closes; it was left out",
-    "weak_part": "outlier, and no trusted edge joins the two parts of the graph that it joins",
+    "weak_part": "outlier, and no inlier joins the two parts of the graph that it joins",
+    "excluded": "left out, as asked",
 }
 _POINTS = 1000  # of each verdict
 

@@ -7,6 +7,7 @@ COLOURS = ((0.0, "#5b93dd"), (0.5, "#f0a63a"), (1.0, "#cf2f1d"))
 VERDICTS = {
     "inlier": {"color": SECOND, "symbol": "circle", "size": 5},
     "bridge": {"color": MUTED, "symbol": "square", "size": 8},
+    "trusted": {"color": SECOND, "symbol": "star", "size": 8},
     "robust_weight": {
         "color": THIRD,
         "symbol": "x-thin",
@@ -15,6 +16,7 @@ VERDICTS = {
     },
     "cycle_check": {"color": "#cf2f1d", "symbol": "diamond", "size": 7},
     "weak_part": {"color": "#9a63d6", "symbol": "triangle-up", "size": 8},
+    "excluded": {"color": MUTED, "symbol": "x", "size": 7},
 }
 COLOUR_BAR = {
     "title": {"text": "deg"}, "thickness": 12, "outlinewidth": 0, "exponentformat": "power"

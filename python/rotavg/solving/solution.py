@@ -15,7 +15,7 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.node_mapping import NodeMapping
 from rotavg.priors.grounded import Grounded
 from rotavg.solving.certificate import Certificate, Verdict
-from rotavg.solving.robust import RobustFit, bridges, contamination
+from rotavg.solving.robust import RobustFit, bridges, contamination_of
 from rotavg.solving.status import Status, Timings, Trace
 from rotavg.solving.uncertainty import Frame, covariances, rms_degrees
 
@@ -91,11 +91,11 @@ class Solution(NodeMapping):
 
     @cached_property
     def edge_verdicts(self) -> NDArray[np.str_]:
-        """(m,) of every edge "inlier", "bridge" (no cycle checks it), or why it is an outlier.
+        """(m,) "inlier", "bridge" (no cycle checks it), "trusted", or why it is an outlier.
 
         "robust_weight": its residual is beyond the threshold. "cycle_check": no short cycle agrees
-        with it. "weak_part": beyond the threshold, and no trusted edge joins the same two parts of
-        the graph. Without a robust loss no edge is an outlier.
+        with it. "weak_part": beyond the threshold, and no inlier joins the same two parts of the
+        graph. "excluded": left out as asked. Without a robust loss no edge is an outlier.
         """
         if self.robust is not None:
             return self.robust.edge_verdicts
@@ -104,7 +104,7 @@ class Solution(NodeMapping):
     @cached_property
     def is_outlier(self) -> NDArray[np.bool_]:
         """(m,) whether the edge's verdict is that of an outlier."""
-        return read_only(~np.isin(self.edge_verdicts, ("inlier", "bridge")))
+        return read_only(~np.isin(self.edge_verdicts, ("inlier", "bridge", "trusted")))
 
     def covariances(
         self,
@@ -208,7 +208,7 @@ class Solution(NodeMapping):
             rows += self.robust.rows(self.num_components)
         # Residuals on the way to the answer say nothing of the measurements.
         elif self.status.converged and (
-            advice := contamination(self.residual_angles, self.graph.weights)
+            advice := contamination_of(self.graph, self.residual_angles)
         ):
             rows.append(("outliers?", advice))
         return rows

@@ -17,6 +17,7 @@ from rotavg.priors.priors import Priors
 from rotavg.solving import options
 from rotavg.solving.anisotropic import refined
 from rotavg.solving.certificate import Certificate, ComponentCertificate
+from rotavg.solving.edge_masks import edge_mask, edge_values
 from rotavg.solving.robust import Loss, RobustFit
 from rotavg.solving.solution import Interrupted, Solution
 from rotavg.solving.status import Status, Timings, Trace
@@ -26,6 +27,7 @@ Method = Literal["auto", "bcd", "sum", "newton", "staircase", "bcdsr"]
 Init = Literal["auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random"]
 Stop = Literal["gradient", "step"]
 Mu = Literal["adaptive", "min_eigenvalue"]
+WeightKind = Literal["auto", "precision", "frequency"]
 Progress = _core.Progress
 Callback = Callable[[Progress], Union[bool, None]]
 
@@ -55,7 +57,14 @@ def solve(
     loss: Loss = "l2",
     loss_scale: float | Literal["auto"] = "auto",
     cycle_threshold: float | None = None,
+    min_cycles: int = 3,
+    weight_kind: WeightKind = "auto",
+    trusted: ArrayLike | None = None,
+    excluded: ArrayLike | None = None,
+    edge_scales: ArrayLike | None = None,
+    initial_weights: ArrayLike | None = None,
     priors: Priors | None = None,
+    robust_priors: bool = True,
     anisotropic: bool = False,
 ) -> Solution:
     """Find the rotations that minimise sum of w |R_i R_ij - R_j|_F^2, and certify them.
@@ -111,10 +120,24 @@ def solve(
             2 sin(angle / 2) of every residual angle.
         loss_scale: where the loss begins to distrust, radians; "auto" for a multiple of the noise,
             which is estimated from the residuals.
-        cycle_threshold: with it, an edge is left out from the start if it has three or more short
-            cycles, and each of them misses the identity by more than this angle, radians.
+        cycle_threshold: with it, an edge is left out from the start if it has `min_cycles` or more
+            short cycles, and each of them misses the identity by more than this angle, radians.
+        min_cycles: how many short cycles are enough for that.
+        weight_kind: what the weights say to a robust loss. "precision": the inverse variance of the
+            noise, up to a common factor; residuals are judged in units of 1 / sqrt(weight), and a
+            heavy edge does not outvote others by its weight. "frequency": how often an edge was
+            measured; all residuals are judged alike, and a heavy edge has as many votes. "auto" is
+            "precision" (docs/robust.md has the measurements).
+        trusted: edges that a robust loss does not touch, as odometry: a mask (m,), or pairs of
+            nodes (k, 2).
+        excluded: edges to leave out, likewise (but for a weight that keeps the graph connected).
+        edge_scales: (m,) factors by which the scale of the loss and the threshold of outliers
+            differ from edge to edge, instead of what the weights say.
+        initial_weights: (m,) robust weights, 0 to 1, with which the first least squares are solved.
         priors: what is known of the rotations beforehand (docs/priors.md): then they are those in
             the world of the priors, and the certificate is that of the problem with the priors.
+        robust_priors: whether a robust loss is that of absolute priors and gravity, too, each kind
+            with a noise of its own (`Solution.robust.gravity_priors`); fixed rotations stay fixed.
         anisotropic: whether to go on from there to a local minimum of sum of r^T C^-1 r, with C the
             covariances of the graph and r = log(R_ij^T R_i^T R_j), by the method of Gauss and
             Newton. That answer has no certificate; `Solution.isotropic` is where it started.
@@ -125,7 +148,7 @@ def solve(
     Raises:
         OptionError: an option that does not exist or is out of range.
         GraphError: initial rotations that are not rotations, a Solution that has no node of the
-            graph, or priors that do not fit the graph.
+            graph, priors or known edges that do not fit the graph.
         SolverError: the dense matrix of "bcdsr" does not fit in memory.
         KeyboardInterrupt: on Ctrl-C, within a fraction of a second. Where the iteration had
             converged, and only the certificate was to come, it is an Interrupted, which holds the
@@ -165,6 +188,10 @@ def solve(
         "loss": options.word("loss", loss),
         "loss_scale": options.angle("loss_scale", loss_scale, "auto"),
         "cycle_threshold": options.angle("cycle_threshold", cycle_threshold, None),
+        "min_cycles": options.whole("min_cycles", min_cycles, 1, 2**31 - 1),
+        "weight_kind": options.word("weight_kind", weight_kind),
+        "robust_priors": bool(robust_priors),
+        **_known_edges(graph, loss, trusted, excluded, edge_scales, initial_weights),
     }
 
     grounded = None if priors is None else ground(graph, priors)
@@ -179,6 +206,12 @@ def solve(
         priors=None if grounded is None else grounded.core,
         start_is_solution=origin == "solution",
     )
+    robust = None
+    if "robust" in core:
+        robust = RobustFit.from_core(core["robust"])
+        if priors is not None and grounded is not None:
+            robust = robust.with_priors(graph, priors)
+            grounded = grounded.with_prior_weights(robust.absolute_priors, robust.gravity_priors)
     solution = Solution(
         graph=graph,
         rotations=read_only(core["rotations"]),
@@ -194,12 +227,39 @@ def solve(
         timings=Timings(**core["seconds"]),
         certificate=_certificate(core["certificate"], settings["certificate_tolerance"]),
         component=read_only(core["component"]),
-        robust=RobustFit.from_core(core["robust"]) if "robust" in core else None,
+        robust=robust,
         grounded=grounded,
     )
     if core["interrupted"]:
         raise Interrupted(solution)
     return refined(solution, settings) if anisotropic else solution
+
+
+def _known_edges(
+    graph: MeasurementGraph,
+    loss: str,
+    trusted: ArrayLike | None,
+    excluded: ArrayLike | None,
+    edge_scales: ArrayLike | None,
+    initial_weights: ArrayLike | None,
+) -> dict[str, Any]:
+    """What is known of the edges beforehand, as the core takes it."""
+    if not isinstance(graph, MeasurementGraph):
+        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
+    robust = {"trusted": trusted, "edge_scales": edge_scales, "initial_weights": initial_weights}
+    for name, value in robust.items():
+        if value is not None and loss == "l2":
+            raise OptionError(f'{name} is for a robust loss, and this is "l2"')
+    trust, left_out = edge_mask(graph, "trusted", trusted), edge_mask(graph, "excluded", excluded)
+    if trust is not None and left_out is not None and (trust & left_out).any():
+        i, j = graph.edges[np.argmax(trust & left_out)].tolist()
+        raise OptionError(f"the edge ({i!r}, {j!r}) is both trusted and excluded")
+    return {
+        "trusted": trust,
+        "excluded": left_out,
+        "edge_scales": edge_values(graph, "edge_scales", edge_scales, 1e-50, 1e50),
+        "initial_weights": edge_values(graph, "initial_weights", initial_weights, 0.0, 1.0),
+    }
 
 
 def certify(

@@ -19,7 +19,9 @@ struct BreadthFirstForest {
   std::vector<Index> tree_edge;  ///< (n,) the edge to the parent, -1 for a root
 };
 
-inline BreadthFirstForest breadth_first_forest(const MeasurementGraph& graph) {
+/// @param left_out (m,) edges that are as if they were not there; empty for none
+inline BreadthFirstForest breadth_first_forest(const MeasurementGraph& graph,
+                                               const std::vector<bool>& left_out = {}) {
   const auto n = static_cast<std::size_t>(graph.num_nodes());
   BreadthFirstForest forest;
   forest.order.reserve(n);
@@ -36,7 +38,7 @@ inline BreadthFirstForest breadth_first_forest(const MeasurementGraph& graph) {
       if (forest.order.size() == n) return forest;  // on dense graphs, long before the last row
       for (const HalfEdge& h : graph.row(i)) {
         const Index j = h.node;
-        if (forest.depth[j] >= 0) continue;
+        if (forest.depth[j] >= 0 || (!left_out.empty() && left_out[h.edge()])) continue;
         forest.depth[j] = forest.depth[i] + 1;
         forest.parent[j] = i;
         forest.tree_edge[j] = h.edge();

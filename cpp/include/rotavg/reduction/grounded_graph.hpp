@@ -57,6 +57,22 @@ class GroundedGraph {
   void set_weights(std::vector<double> weights) { reduced_.set_weights(std::move(weights)); }
   const std::vector<double>& weights() const { return reduced_.weights(); }
 
+  /// Gives absolute priors and gravity other weights, in the order of priors().
+  /// @throws InvalidEdge for a weight out of bounds
+  void set_prior_weights(const std::vector<double>& absolute, const std::vector<double>& gravity) {
+    std::vector<double> of_edges;
+    for (std::size_t k = 0; k < absolute.size(); ++k) {
+      priors_.absolute[k].weight = absolute[k];
+      if (riding().variable[priors_.absolute[k].node] != 0) of_edges.push_back(absolute[k]);
+    }
+    for (std::size_t k = 0; k < gravity.size(); ++k) {
+      priors_.gravity[k].weight = gravity[k];
+      if (riding().variable[priors_.gravity[k].node] == 0) continue;
+      of_edges.insert(of_edges.end(), 2, gravity[k]);
+    }
+    reduced_.set_other_weights(of_edges);
+  }
+
   /// Labels (variables,) of the parts that gravity alone holds, so that their heading is free;
   /// others have -1.
   const std::vector<Index>& free_heading() const { return free_heading_; }

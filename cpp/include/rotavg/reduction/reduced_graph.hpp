@@ -49,6 +49,14 @@ class ReducedGraph {
     }
     graph_.set_weights(reduced);
   }
+  /// Gives the other edges other weights, in their order.
+  /// @throws InvalidEdge for a weight out of bounds
+  void set_other_weights(const std::vector<double>& weights) {
+    std::vector<double> reduced = weights_of(graph_);
+    std::copy(weights.begin(), weights.end(),
+              reduced.begin() + static_cast<std::ptrdiff_t>(kept_.size()));
+    graph_.set_weights(reduced);
+  }
 
  private:
   static std::vector<Index> edges_between_variables(const MeasurementGraph& given,

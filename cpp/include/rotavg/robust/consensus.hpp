@@ -23,22 +23,18 @@ struct Consensus {
 ///
 /// 1. The noise is estimated from the residuals (noise_scale). While too few of these are small for
 ///    that, the loss cauchy is minimised, at first with so wide a scale that it has few local
-///    minima, then with half of it, and so on.
+///    minima, then with half of it, and so on. So far every edge has one voice.
 /// 2. Nodes that a few wrong edges hold in the wrong place are moved to where most of their
 ///    neighbours would have them (take_votes). If they are many, others can vote better after the
 ///    loss has settled, and do.
 ///
-/// @param num_cycles independent cycles of the graph, m - n + components
-inline Consensus find_consensus(RobustRun& run, const MeasurementGraph& graph, Index num_cycles,
-                                Rotations R) {
+inline Consensus find_consensus(RobustRun& run, const MeasurementGraph& graph, Rotations R) {
   constexpr double most_noise = 0.5, wide_scale = 0.25, votes_noises = 3.0;
   constexpr int most_halvings = 5, most_rounds = 4;
   constexpr double patient_gain = 1e-5, brief_gain = 1e-4, many = 0.25;
   constexpr int patient_limit = 200, brief_limit = 10;
   const auto go_on = [&] { return run.ended() == Status::not_run; };
-  const auto noise_at = [&](const Rotations& rotations) {
-    return noise_scale(run.squared_residuals_at(rotations), num_cycles);
-  };
+  const auto noise_at = [&](const Rotations& rotations) { return run.noise_at(rotations); };
   const auto settle = [&](double scale, double gain, int limit) {
     R = run.reweighted(R, {Loss::cauchy, scale}, gain, limit).rotations;
   };
@@ -49,13 +45,16 @@ inline Consensus find_consensus(RobustRun& run, const MeasurementGraph& graph, I
     settle(scale, patient_gain, patient_limit);
     noise = noise_at(R);
   }
+  if (noise > most_noise) noise = noise_among_random(run.series_residuals_at(R));
   noise = std::min(noise, most_noise);
 
+  run.judge_evenly(false);
   // 2.
   Consensus consensus;
   for (int k = 0; k < most_rounds && go_on(); ++k) {
-    const Index moved = take_votes(graph, run.given(), {Loss::geman_mcclure, votes_noises * noise},
-                                   R, run.keep_going());
+    const Index moved =
+        take_votes(graph, run.given(), run.precision(), {Loss::geman_mcclure, votes_noises * noise},
+                   R, run.keep_going());
     consensus.moved += moved;
     if (moved > 0) noise = std::min(most_noise, noise_at(R));
     if (moved <= many * graph.num_nodes()) break;

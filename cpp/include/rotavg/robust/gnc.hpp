@@ -16,10 +16,12 @@
 namespace rotavg {
 
 /// The surrogates of a bounded loss, from one that bends off slowly and is level only some four
-/// scales out, towards the loss itself: graduated non-convexity (Blake and Zisserman 1987; Yang,
-/// Antonante, Tzoumas and Carlone 2020, who also step mu by 1.4).
+/// scales out, or a few degrees where the scale is less, towards the loss itself: graduated
+/// non-convexity (Blake and Zisserman 1987; Yang, Antonante, Tzoumas and Carlone 2020, who also
+/// step mu by 1.4).
 inline std::vector<RobustLoss> graduation(const RobustLoss& loss) {
-  constexpr double step = 1.4, reach2 = 16.0;
+  constexpr double step = 1.4, scales2 = 16.0, rough = 0.02;
+  const double reach2 = std::max(scales2, rough * rough / (loss.scale * loss.scale));
   std::vector<RobustLoss> surrogates;
   for (double mu = reach2; mu > 1.0; mu /= step) {
     RobustLoss surrogate = loss;
@@ -41,14 +43,14 @@ inline std::vector<RobustLoss> graduation(const RobustLoss& loss) {
 ///
 /// @returns rotations from which irls() may go on, and how many reweightings were made
 inline IterationResult gnc(const MeasurementGraph& graph, const Rotations& R,
-                           const RobustLoss& loss, const InnerSteps& inner,
-                           const IterationOptions& options) {
+                           const RobustLoss& loss, const std::vector<double>& precision,
+                           const InnerSteps& inner, const IterationOptions& options) {
   IterationResult result;
   result.rotations = R;
   for (const RobustLoss& surrogate : graduation(loss)) {
     IterationOptions rest = remaining(options, result);
     rest.max_iterations = std::min(rest.max_iterations, 2);
-    IterationResult next = irls(graph, result.rotations, surrogate, inner, 0.0, rest);
+    IterationResult next = irls(graph, result.rotations, surrogate, precision, inner, 0.0, rest);
     next.iterations += result.iterations;
     next.seconds += result.seconds;
     result = std::move(next);

@@ -20,9 +20,10 @@
 
 namespace rotavg {
 
-/// A few steps that lower the robust objective, in place, of a graph with the given weights.
-using InnerSteps =
-    std::function<void(const MeasurementGraph&, const RobustLoss&, Quaternions&, const Monitor&)>;
+/// A few steps that lower the robust objective, in place, of a graph with the given weights and
+/// precisions (m,), in whose units the residuals are judged; empty: all 1.
+using InnerSteps = std::function<void(const MeasurementGraph&, const RobustLoss&,
+                                      const std::vector<double>&, Quaternions&, const Monitor&)>;
 
 /// The steps of one reweighting: few, since the weights are not final.
 ///
@@ -33,9 +34,12 @@ using InnerSteps =
 inline InnerSteps inner_steps(const MeasurementGraph& graph, Method method, int num_threads) {
   constexpr double sparse_degree = 20.0;
   const double max_flops = std::max(2e8, 2e3 * graph.num_edges());  // some ten sweeps, or a moment
-  const auto sweeps = [](const MeasurementGraph& g, const RobustLoss& loss, Quaternions& q,
+  const auto sweeps = [](const MeasurementGraph& g, const RobustLoss& loss,
+                         const std::vector<double>& precision, Quaternions& q,
                          const Monitor& monitor) {
-    for (int k = 0; k < 2 && monitor.keep_going(); ++k) reweighted_sweep(g, loss, q, monitor);
+    for (int k = 0; k < 2 && monitor.keep_going(); ++k) {
+      reweighted_sweep(g, loss, precision, q, monitor);
+    }
   };
   if (method == Method::bcd) return sweeps;
   const double degree = 2.0 * graph.num_edges() / std::max<Index>(graph.num_nodes(), 1);
@@ -58,13 +62,13 @@ inline InnerSteps inner_steps(const MeasurementGraph& graph, Method method, int 
   options.tolerance = 0.0;
   options.num_threads = num_threads;
   options.max_iterations = method == Method::sum ? 2 : 1;
-  return [=](const MeasurementGraph& g, const RobustLoss& loss, Quaternions& q,
-             const Monitor& monitor) {
+  return [=](const MeasurementGraph& g, const RobustLoss& loss,
+             const std::vector<double>& precision, Quaternions& q, const Monitor& monitor) {
     IterationOptions limits = options;
     limits.keep_going = [&monitor] { return monitor.keep_going(); };
-    if (method != Method::sum) reweighted_sweep(g, loss, q, monitor);
+    if (method != Method::sum) reweighted_sweep(g, loss, precision, q, monitor);
     MeasurementGraph& weighted = workspace->weighted;
-    weighted.set_weights(robust_weights(g, q, loss, num_threads));
+    weighted.set_weights(robust_weights(g, q, loss, precision, num_threads));
     const Rotations R = to_rotations(q);
     q = to_quaternions(method == Method::sum
                            ? sum(weighted, R, limits).rotations

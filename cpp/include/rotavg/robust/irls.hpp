@@ -2,6 +2,7 @@
 
 #include <limits>
 #include <utility>
+#include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/robust/inner.hpp>
@@ -22,14 +23,16 @@ namespace rotavg {
 ///
 /// @param graph with the given weights
 /// @param R the initial value, world_from_i, one rotation per node
+/// @param precision (m,) in whose units the residuals are judged; empty: all 1
 /// @param least_gain stop where an iteration lowers the objective by a smaller part of it; the
 ///        status is then step_converged
 inline IterationResult irls(const MeasurementGraph& graph, const Rotations& R,
-                            const RobustLoss& loss, const InnerSteps& inner, double least_gain,
+                            const RobustLoss& loss, const std::vector<double>& precision,
+                            const InnerSteps& inner, double least_gain,
                             const IterationOptions& options) {
   Monitor monitor(graph, R, options);
   Quaternions q = to_quaternions(R);
-  RobustResiduals residuals(graph, monitor.num_threads());
+  RobustResiduals residuals(graph, precision, monitor.num_threads());
   double last = std::numeric_limits<double>::infinity();
   bool gains = true;
   for (;;) {
@@ -39,7 +42,7 @@ inline IterationResult irls(const MeasurementGraph& graph, const Rotations& R,
     gains = last - objective > least_gain * objective;
     last = objective;
     if (!gains) break;
-    inner(graph, loss, q, monitor);
+    inner(graph, loss, precision, q, monitor);
   }
   IterationResult result = std::move(monitor).result(to_rotations(q, R));
   if (!gains) result.status = Status::step_converged;

@@ -1,7 +1,9 @@
 #pragma once
 
 #include <cmath>
+#include <cstddef>
 #include <limits>
+#include <vector>
 
 namespace rotavg {
 
@@ -96,10 +98,22 @@ struct RobustLoss {
     return 1.0;
   }
 
+  /// Of an edge whose residuals are judged in units of its own, 1 / sqrt(precision): its scale is
+  /// c / sqrt(precision). With a precision of zero it is x, as of least squares.
+  double rho(double x, double precision) const {
+    return precision > 0.0 ? rho(precision * x) / precision : x;
+  }
+  double weight(double x, double precision) const { return weight(precision * x); }
+
  private:
   /// Up to here, in x / c^2, the surrogate of tls is x, and from there on c^2.
   double inner() const { return std::isinf(mu) ? 1.0 : mu / (mu + 1.0); }
   double outer() const { return std::isinf(mu) ? 1.0 : (mu + 1.0) / mu; }
 };
+
+/// Of edge k, where an empty vector stands for precisions of 1.
+inline double precision_of(const std::vector<double>& precision, std::size_t k) {
+  return precision.empty() ? 1.0 : precision[k];
+}
 
 }  // namespace rotavg

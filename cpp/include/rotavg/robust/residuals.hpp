@@ -17,13 +17,30 @@
 
 namespace rotavg {
 
-/// The share of every weight that no robust loss takes away: an edge that it distrusts altogether
-/// keeps this much, so that a graph stays connected and the weighted problem well posed.
+/// The share of every weight that no robust loss takes away, at most: an edge that it distrusts
+/// altogether keeps this much, so that a graph stays connected and the weighted problem well posed.
 constexpr double least_weight_share = 1e-6;
 
-/// What a loss leaves of a weight: (1 - s) d rho / d x + s, with s the least share.
-EIGEN_STRONG_INLINE double weight_share(const RobustLoss& loss, double x) {
-  return (1.0 - least_weight_share) * loss.weight(x) + least_weight_share;
+/// The same of one edge. Where the scale of the loss is small, all outliers together would pull
+/// with this share harder than the loss lets them; so it goes down with the square of the scale.
+EIGEN_STRONG_INLINE double least_share(const RobustLoss& loss, double precision) {
+  constexpr double part = 0.01, least = 1e-9;
+  const double share =
+      std::max(least, std::min(least_weight_share, part * loss.scale * loss.scale));
+  return share / std::max(1.0, precision);
+}
+
+/// What a loss leaves of the weight of an edge with the squared residual x: (1 - s) d rho / d x +
+/// s, with s its least share.
+EIGEN_STRONG_INLINE double weight_share(const RobustLoss& loss, double x, double precision) {
+  const double s = least_share(loss, precision);
+  return (1.0 - s) * loss.weight(x, precision) + s;
+}
+
+/// What the squared residual costs: (1 - s) rho + s x.
+inline double robust_cost(const RobustLoss& loss, double x, double precision) {
+  const double s = least_share(loss, precision);
+  return (1.0 - s) * loss.rho(x, precision) + s * x;
 }
 
 /// The squared chords r^2 = 4 sin^2(angle / 2) of the residual angles (m,), 0 to 4, whatever the
@@ -38,29 +55,33 @@ inline void squared_residuals(const ResidualQuaternions& residuals, std::vector<
 }
 
 /// 2 sum w ((1 - s) rho(r^2) + s r^2) with s the least share: the objective (3) for the loss l2.
+/// @param precision (m,) in whose units the residuals are judged; empty: all 1
 inline double robust_objective(const std::vector<double>& weights, const std::vector<double>& x,
-                               const RobustLoss& loss, int num_threads) {
+                               const RobustLoss& loss, const std::vector<double>& precision,
+                               int num_threads) {
   return block_sum<double>(static_cast<Index>(x.size()), num_threads, [&](Index k) {
-    const double rho = (1.0 - least_weight_share) * loss.rho(x[k]) + least_weight_share * x[k];
-    return 2.0 * weights[k] * rho;
+    return 2.0 * weights[k] * robust_cost(loss, x[k], precision_of(precision, k));
   });
 }
 
 /// The weights w ((1 - s) d rho / d x + s) of the least squares that bound this objective.
 inline void robust_weights(const std::vector<double>& weights, const std::vector<double>& x,
-                           const RobustLoss& loss, int num_threads, std::vector<double>& result) {
+                           const RobustLoss& loss, const std::vector<double>& precision,
+                           int num_threads, std::vector<double>& result) {
   result.resize(x.size());
   parallel_for(static_cast<Index>(x.size()), num_threads, [&](Index k) {
-    result[k] = std::max(min_weight, weights[k] * weight_share(loss, x[k]));
+    const double share = weight_share(loss, x[k], precision_of(precision, k));
+    result[k] = std::max(min_weight, weights[k] * share);
   });
 }
 
 /// The same for the residuals of a graph with the given weights.
 inline std::vector<double> robust_weights(const MeasurementGraph& graph, const Quaternions& q,
-                                          const RobustLoss& loss, int num_threads) {
+                                          const RobustLoss& loss,
+                                          const std::vector<double>& precision, int num_threads) {
   std::vector<double> x, result;
   squared_residuals(ResidualQuaternions(graph, q, num_threads), x);
-  robust_weights(weights_of(graph), x, loss, num_threads, result);
+  robust_weights(weights_of(graph), x, loss, precision, num_threads, result);
   return result;
 }
 
@@ -68,18 +89,23 @@ inline std::vector<double> robust_weights(const MeasurementGraph& graph, const Q
 class RobustResiduals {
  public:
   /// @param graph with the given weights; must outlive this object
-  RobustResiduals(const MeasurementGraph& graph, int num_threads)
-      : graph_(&graph), num_threads_(num_threads), pull_(graph.edges().size()) {}
+  /// @param precision (m,) in whose units the residuals are judged; empty: all 1; must outlive it
+  RobustResiduals(const MeasurementGraph& graph, const std::vector<double>& precision,
+                  int num_threads)
+      : graph_(&graph),
+        precision_(&precision),
+        num_threads_(num_threads),
+        pull_(graph.edges().size()) {}
 
   /// Moves to other rotations, or another loss.
   void update(const Quaternions& q, const RobustLoss& loss) {
     objective_ = block_sum<double>(graph_->num_edges(), num_threads_, [&, loss](Index k) {
       const Vector4 e = residual_quaternion(graph_->quaternion_edges()[k], q);
       const double v2 = e.head<3>().squaredNorm(), weight = v2 + e.w() * e.w();
-      const double x = 4.0 * v2 / weight;
-      const double share = weight_share(loss, x);
+      const double x = 4.0 * v2 / weight, precision = precision_of(*precision_, k);
+      const double share = weight_share(loss, x, precision);
       pull_[k] << share * e.w() * e.head<3>(), share * weight;
-      return weight * ((1.0 - least_weight_share) * loss.rho(x) + least_weight_share * x);
+      return weight * robust_cost(loss, x, precision);
     });
     objective_ *= 2.0;
   }
@@ -104,6 +130,7 @@ class RobustResiduals {
 
  private:
   const MeasurementGraph* graph_;
+  const std::vector<double>* precision_;
   int num_threads_;
   std::vector<Vector4> pull_;  ///< (m,) an eighth of the gradient at i, and the weight
   double objective_ = 0.0;

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <vector>
+
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/residuals.hpp>
@@ -13,12 +15,13 @@
 namespace rotavg {
 
 /// DavenportSum over estimates p = q b of a rotation r, each of which counts as much as a loss
-/// leaves of its weight; four of them at a time.
+/// leaves of its weight, with its residual in units of its precision; four of them at a time.
 class ReweightedDavenportSum {
  public:
   ReweightedDavenportSum(const Quaternion& r, const RobustLoss& loss) : r_(r), loss_(loss) {}
 
-  EIGEN_STRONG_INLINE void add(const Quaternion& q, const WeightedQuaternion& b) {
+  EIGEN_STRONG_INLINE void add(const Quaternion& q, const WeightedQuaternion& b, double precision) {
+    precision_[count_] = precision;
     multiply(q, b, p_[count_++]);
     if (count_ == 4) add_four();
   }
@@ -49,8 +52,8 @@ class ReweightedDavenportSum {
       weight += p_[a] * p_[a];
     }
     const Lanes x = 4.0 * off2 / (weight + tiny);
-    const Lanes share{weight_share(loss_, x[0]), weight_share(loss_, x[1]),
-                      weight_share(loss_, x[2]), weight_share(loss_, x[3])};
+    Lanes share;
+    for (int a = 0; a < 4; ++a) share[a] = weight_share(loss_, x[a], precision_[a]);
     for (int a = 0, k = 0; a < 4; ++a) {
       const Lanes weighted = share * p_[a];
       for (int b = 0; b <= a; ++b, ++k) sums_[k] += weighted * p_[b];
@@ -61,6 +64,7 @@ class ReweightedDavenportSum {
   const Quaternion r_;
   const RobustLoss loss_;
   Lanes p_[4];  // each estimate, then each of x, y, z, w
+  Lanes precision_{};
   int count_ = 0;
   Lanes sums_[10] = {};  // of products of two of x, y, z, w
 };
@@ -71,13 +75,17 @@ class ReweightedDavenportSum {
 /// fewer sweeps do. Ends early where the monitor does not let it go on.
 ///
 /// @param graph with the given weights
-inline void reweighted_sweep(const MeasurementGraph& graph, const RobustLoss& loss, Quaternions& q,
+/// @param precision (m,) in whose units the residuals are judged; empty: all 1
+inline void reweighted_sweep(const MeasurementGraph& graph, const RobustLoss& loss,
+                             const std::vector<double>& precision, Quaternions& q,
                              const Monitor& monitor) {
   constexpr Index nodes_between_questions = 4096;
   for (Index l = 0; l < graph.num_nodes(); ++l) {
     if (graph.row(l).size() == 0) continue;
     ReweightedDavenportSum K(q[l], loss);
-    for (const HalfEdge& h : graph.row(l)) K.add(q[h.node], h.node_from_l);
+    for (const HalfEdge& h : graph.row(l)) {
+      K.add(q[h.node], h.node_from_l, precision_of(precision, h.edge()));
+    }
     q[l] = loso(K.matrix(), q[l]);
     if (l % nodes_between_questions == 0 && !monitor.keep_going()) break;
   }

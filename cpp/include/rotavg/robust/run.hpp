@@ -7,32 +7,59 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/graph/series.hpp>
+#include <rotavg/robust/edge_knowledge.hpp>
 #include <rotavg/robust/gnc.hpp>
 #include <rotavg/robust/inner.hpp>
 #include <rotavg/robust/irls.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/residuals.hpp>
+#include <rotavg/robust/scale.hpp>
 #include <rotavg/solve/solve.hpp>
+#include <rotavg/solve/stopwatch.hpp>
 
 namespace rotavg {
 
 /// The stages of a robust solution, which share the limits, the callback and the watch.
 class RobustRun {
  public:
-  RobustRun(const MeasurementGraph& graph, const SolveOptions& options)
-      : graph_(graph),
+  /// @param graph whose weights are the given ones
+  /// @param series of its edges
+  /// @param watch that has been running since the call began
+  RobustRun(const MeasurementGraph& graph, const SolveOptions& options, Series series,
+            EdgeUnits units, const Stopwatch& watch)
+      : watch_(watch),
+        graph_(graph),
         given_(weights_of(graph)),
+        units_(std::move(units)),
+        series_(std::move(series)),
         options_(options),
         num_threads_(resolve_num_threads(options.iteration.num_threads, graph.num_edges())),
-        inner_(inner_steps(graph_, options.method, num_threads_)) {}
+        inner_(inner_steps(graph_, options.method, num_threads_)) {
+    if (std::find(precision().begin(), precision().end(), 0.0) != precision().end()) {
+      for (const double p : precision()) trusting_.push_back(p > 0.0 ? 1.0 : 0.0);
+    }
+  }
 
   RobustRun(const RobustRun&) = delete;
   RobustRun& operator=(const RobustRun&) = delete;
 
   const std::vector<double>& given() const { return given_; }
+  const std::vector<double>& precision() const { return units_.precision; }
   const std::vector<double>& squared_residuals_at(const Rotations& R) {
     squared_residuals(ResidualQuaternions(graph_, to_quaternions(R), num_threads_), x_);
     return x_;
+  }
+  /// What every series of edges leaves over, in units of its precision.
+  std::vector<double> series_residuals_at(const Rotations& R) {
+    return series_residuals(series_, squared_residuals_at(R), precision());
+  }
+  /// The estimated standard deviation of the noise angle, radians, of an edge of precision 1.
+  double noise_at(const Rotations& R) {
+    return noise_scale(series_residuals_at(R), series_.num_cycles);
+  }
+  double objective_at(const Rotations& R, const RobustLoss& loss) {
+    return robust_objective(given_, squared_residuals_at(R), loss, precision(), num_threads_);
   }
   int num_threads() const { return num_threads_; }
   int iterations() const { return iterations_; }
@@ -46,21 +73,11 @@ class RobustRun {
              (!options_.iteration.keep_going || options_.iteration.keep_going());
     };
   }
-  MeasurementGraph& graph() { return graph_; }
-
-  /// Leaves edges out of all that follows, but for a weight that keeps the graph connected.
-  void leave_out(const std::vector<bool>& edges) {
-    for (std::size_t k = 0; k < edges.size(); ++k) {
-      if (edges[k]) given_[k] = std::max(min_weight, least_weight_share * given_[k]);
-    }
-    graph_.set_weights(given_);
-  }
-
-  /// Gives the edges of graph() the weights that a loss gives them at these rotations.
-  void hold_weights(const Rotations& R, const RobustLoss& loss) {
-    std::vector<double> weights;
-    robust_weights(given_, squared_residuals_at(R), loss, num_threads_, weights);
-    graph_.set_weights(weights);
+  /// Whether every edge has one voice from now on (EdgeUnits::voices), and residuals are judged as
+  /// they are.
+  void judge_evenly(bool evenly) {
+    evenly_ = evenly;
+    if (!units_.voices.empty()) graph_.set_weights(evenly ? units_.voices : given_);
   }
 
   SolveOptions stage(int max_iterations) const {
@@ -71,12 +88,22 @@ class RobustRun {
   }
 
   /// Least squares, roughly.
-  Rotations least_squares(Initialization& init) {
+  /// @param shares (m,) of the weights that edges have; empty: all 1
+  Rotations least_squares(const std::vector<double>& shares, Initialization& init) {
     SolveOptions l2 = stage(30);
     l2.certify = false;
     l2.iteration.stop = StopRule::gradient;
     l2.iteration.tolerance = 1e-2;
+    const std::vector<double> weights = weights_of(graph_);
+    if (!shares.empty()) {
+      std::vector<double> less = weights;
+      for (std::size_t k = 0; k < shares.size(); ++k) {
+        less[k] = std::max(min_weight, less[k] * std::max(least_weight_share, shares[k]));
+      }
+      graph_.set_weights(less);
+    }
     Solution solution = solve(graph_, l2);
+    if (!shares.empty()) graph_.set_weights(weights);
     init = solution.init;
     took(solution);
     return std::move(solution.rotations);
@@ -86,13 +113,14 @@ class RobustRun {
                              int max_iterations) {
     IterationOptions iteration = stage(max_iterations).iteration;
     iteration.stop = StopRule::gradient;
-    IterationResult result = irls(graph_, R, loss, inner_, least_gain, iteration);
+    IterationResult result =
+        irls(graph_, R, loss, evenly_ ? trusting_ : precision(), inner_, least_gain, iteration);
     took(result);
     return result;
   }
 
   Rotations graduated(const Rotations& R, const RobustLoss& loss) {
-    const IterationResult result = gnc(graph_, R, loss, inner_, remaining_limits());
+    const IterationResult result = gnc(graph_, R, loss, precision(), inner_, remaining_limits());
     took(result);
     return result.rotations;
   }
@@ -121,11 +149,15 @@ class RobustRun {
   Stopwatch watch_;
   MeasurementGraph graph_;
   std::vector<double> given_, x_;
+  EdgeUnits units_;
+  Series series_;
   SolveOptions options_;
   int num_threads_;
   int iterations_ = 0;
   Status ended_ = Status::not_run;
   InnerSteps inner_;
+  bool evenly_ = false;
+  std::vector<double> trusting_;  ///< (m,) precisions of 1, but for edges that are trusted
 };
 
 }  // namespace rotavg

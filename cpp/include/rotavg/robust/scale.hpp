@@ -5,6 +5,8 @@
 #include <cstddef>
 #include <vector>
 
+#include <rotavg/graph/series.hpp>
+#include <rotavg/robust/loss.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
@@ -12,42 +14,81 @@ namespace rotavg {
 /// Below this the noise is not told from rounding: 0.006 degrees.
 constexpr double least_noise = 1e-4;
 
+/// What every series of edges leaves over, (size,): (sum of r)^2 / sum of 1 / precision, however
+/// the edges share it among them. Least squares share it evenly, and a loss that bends off leaves
+/// it all to one.
+///
+/// @param x squared residuals (m,)
+/// @param precision (m,) of the edges; empty: all 1. Zero, as of edges that the loss does not
+///        touch, counts as 1.
+inline std::vector<double> series_residuals(const Series& series, const std::vector<double>& x,
+                                            const std::vector<double>& precision) {
+  std::vector<double> sum(series.size, 0.0), variance(series.size, 0.0);
+  for (std::size_t k = 0; k < x.size(); ++k) {
+    const Index s = series.label[k];
+    if (s < 0) continue;
+    const double p = precision_of(precision, k);
+    sum[s] += std::sqrt(x[k]);
+    variance[s] += p > 0.0 ? 1.0 / p : 1.0;
+  }
+  for (Index s = 0; s < series.size; ++s) sum[s] *= sum[s] / variance[s];
+  return sum;
+}
+
 /// The standard deviation of the noise angle, in radians, of residuals many of which may be
 /// outliers.
 ///
 /// The fixed point s of s = median of the residuals below 3 s, over 0.6724 (the median of half a
 /// normal distribution truncated there), that is reached from the tenth of the residuals which are
-/// smallest: outliers count only where they are hardly any. (Angles of rotations drawn at random
-/// are below 30 degrees in one case of 140.) Residuals of zero, as bridges have them, say nothing;
-/// and as n rotations are fitted to the rest, it is scaled by the root of edges / (edges - nodes +
-/// components).
+/// smallest: outliers count only where they are hardly any. (Angles of
+/// rotations drawn at random are below 30 degrees in one case of 140.) As rotations are fitted to
+/// the rest, it is scaled by the root of series / independent cycles.
 ///
 /// Of many residuals some are taken, evenly spaced; the estimate is then good to a per cent.
 ///
-/// @param x squared residuals
+/// @param x squared residuals of the series of the graph (series_residuals)
 /// @param num_cycles independent cycles of the graph, m - n + components
 inline double noise_scale(const std::vector<double>& x, Index num_cycles) {
-  constexpr double rounding = 1e-24;
   constexpr double tenth_of_half_normal = 0.1257, median_below_three = 0.6724;
   constexpr std::size_t enough = 20000;
   const std::size_t stride = (x.size() + enough - 1) / enough;
   std::vector<double> r;
   for (std::size_t k = 0; k < x.size(); k += stride) {
-    if (x[k] > rounding) r.push_back(std::sqrt(x[k]));
+    r.push_back(std::sqrt(x[k]));
   }
   if (r.empty() || num_cycles <= 0) return least_noise;
   std::sort(r.begin(), r.end());
-  double s = r[r.size() / 10] / tenth_of_half_normal;
+  double s = std::max(least_noise, r[r.size() / 10] / tenth_of_half_normal);
   for (int k = 0; k < 100; ++k) {
     const auto below = std::upper_bound(r.begin(), r.end(), 3.0 * s) - r.begin();
     const double next =
-        r[static_cast<std::size_t>(std::max<std::ptrdiff_t>(below / 2, 0))] / median_below_three;
+        std::max(least_noise, r[static_cast<std::size_t>(below / 2)] / median_below_three);
     const bool same = std::abs(next - s) <= 1e-9 * s;
     s = next;
     if (same) break;
   }
   const double freedom = static_cast<double>(num_cycles) / static_cast<double>(stride * r.size());
   return std::max(least_noise, s / std::sqrt(std::min(1.0, freedom)));
+}
+
+/// The same where the few that are right among rotations drawn at random show only by their
+/// number: of those whose residuals are below r that is greater by the most standard deviations
+/// than drawing them all at random would make it, (theta - sin theta) / pi with r = 2 sin(theta/2).
+/// For small graphs: large ones have enough residuals that are small.
+inline double noise_among_random(std::vector<double> x) {
+  constexpr double pi = 3.141592653589793, median_below_three = 0.6724;
+  if (x.empty()) return least_noise;
+  std::sort(x.begin(), x.end());
+  double most = 0.0;
+  std::size_t right = 0;
+  for (std::size_t k = 0; k < x.size(); ++k) {
+    const double theta = 2.0 * std::asin(std::min(1.0, 0.5 * std::sqrt(x[k])));
+    const double expected = static_cast<double>(x.size()) * (theta - std::sin(theta)) / pi;
+    const double excess = (static_cast<double>(k + 1) - expected) / std::sqrt(1.0 + expected);
+    if (excess > most) right = k + 1;
+    most = std::max(most, excess);
+  }
+  return std::max(least_noise, std::sqrt(x[right / 2]) / median_below_three);
 }
 
 }  // namespace rotavg

@@ -5,6 +5,7 @@
 
 #include <rotavg/compiled.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/robust/edge_knowledge.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/verdicts.hpp>
 #include <rotavg/solve/solution.hpp>
@@ -17,9 +18,21 @@ struct RobustOptions {
   /// c of RobustLoss, radians; zero: a multiple of the noise, which is estimated from the
   /// residuals.
   double scale = 0.0;
-  /// Edges with three or more short cycles, each of which misses the identity by more than this
+  /// Edges with so many short cycles or more, each of which misses the identity by more than this
   /// angle, are left out from the start; zero: none are.
   double cycle_threshold = 0.0;
+  int min_cycles = 3;
+  WeightKind weight_kind = WeightKind::automatic;
+  EdgeKnowledge known;
+  bool priors = true;  ///< whether the loss is that of absolute priors and gravity, too
+};
+
+/// What a robust loss has made of absolute priors, or of gravity.
+struct PriorVerdicts {
+  double noise = 0.0;            ///< estimated standard deviation of their angle, radians
+  double threshold = 0.0;        ///< of outliers, radians: 3 times the noise
+  std::vector<double> weights;   ///< given weight times robust weight, in the order of the nodes
+  std::vector<bool> is_outlier;  ///< in the same order
 };
 
 /// The weighted least-squares solution that the reweighting ended with: `objective`,
@@ -30,26 +43,33 @@ struct RobustSolution : Solution {
   double threshold = 0.0;            ///< of outliers, radians; pi with Loss::l2, which has none
   double robust_objective = 0.0;     ///< 2 sum w rho(r^2) at `rotations`
   std::vector<double> edge_weights;  ///< (m,) given weight times robust weight
+  /// (m,) factors by which the scale, the noise and the threshold of an edge differ from those
+  /// above; infinite for trusted ones
+  std::vector<double> edge_scales;
   EdgeVerdicts verdicts;
+  PriorVerdicts absolute, gravity;  ///< empty without priors
   Index moved_by_votes = 0;
 };
 
 /// Finds rotations that fit most measurements, whatever the others say, and what it thinks of each.
 ///
+/// Bridges, which no cycle checks, are left aside until step 5, and met exactly.
+///
 /// 1. Least squares, roughly, and from there the loss l1: robust and nearly convex, so that the
-///    start matters little.
+///    start matters little. Every edge has one voice so far, unless weights are frequencies.
 /// 2. The noise is estimated from its residuals (noise_scale), and
 /// 3. nodes that a few wrong edges hold in the wrong place are moved to where most of their
 ///    neighbours would have them, by find_consensus.
-/// 4. The loss, by reweighting; of a bounded one by graduated non-convexity first. The trace is
-///    that of this stage, from where the loss is at its scale: its objective never rises.
+/// 4. The loss, by reweighting; of a bounded one by graduated non-convexity first. If the objective
+///    was lower anywhere before, it goes on from there. The trace is that of this stage, from where
+///    the loss is at its scale: its objective never rises.
 /// 5. The weights are held, and the weighted problem is solved and certified. What is proved is
 ///    that no rotations have a smaller weighted sum of squares, not that no others have a smaller
 ///    robust objective or better weights.
 ///
 /// @param start an initial value to use instead of step 1's least squares
-/// @throws std::invalid_argument for an option out of range, or if `start` does not hold a rotation
-///         for each node
+/// @throws std::invalid_argument for an option out of range, knowledge of the edges that does not
+///         fit the graph, or if `start` does not hold a rotation for each node
 ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
                                           const SolveOptions& options = {},
                                           const RobustOptions& robust = {},

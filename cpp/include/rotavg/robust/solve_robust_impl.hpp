@@ -1,6 +1,9 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
 #include <optional>
 #include <sstream>
 #include <stdexcept>
@@ -9,49 +12,25 @@
 #include <vector>
 
 #include <rotavg/compiled.hpp>
-#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/checked_part.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/robust/consensus.hpp>
 #include <rotavg/robust/cycles.hpp>
+#include <rotavg/robust/default_scale.hpp>
+#include <rotavg/robust/edge_knowledge.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/run.hpp>
 #include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/robust/verdicts.hpp>
 #include <rotavg/solve/solve.hpp>
+#include <rotavg/solve/stopwatch.hpp>
 
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
 
 namespace rotavg {
-
-/// How many times the noise the scale of a loss is, by measurement (docs/robust.md): what does well
-/// on photographs and in simulations, and loses little where the noise is Gaussian.
-///
-/// @param freedom (m - n + components) / m. Where it is small, as on trajectories, rotations can be
-///        bent to meet many measurements exactly, and a sharply bent loss rewards that.
-inline double default_scale(Loss loss, double freedom) {
-  constexpr double most = 3.0;
-  const double slack = 1.0 / std::max(freedom * freedom, 1e-6);
-  switch (loss) {
-    case Loss::l1:
-      return 0.1;
-    case Loss::l_half:
-      return std::min(most, 0.3 * slack);
-    case Loss::huber:
-      return 1.0;
-    case Loss::geman_mcclure:
-      return 2.0;
-    case Loss::tls:
-      return 3.0;
-    case Loss::cauchy:
-    case Loss::l2:
-    case Loss::automatic:
-      break;
-  }
-  return std::min(most, 0.4 * slack);
-}
 
 namespace detail {
 
@@ -67,6 +46,21 @@ inline std::string describe(const RobustLoss& loss, int l1_reweightings, Index m
   return text.str();
 }
 
+/// (m,) edges that the cycle check leaves out: none that is trusted.
+inline std::vector<bool> refuted_edges(const MeasurementGraph& graph, const SolveOptions& options,
+                                       const RobustOptions& robust, const Stopwatch& watch) {
+  const IterationOptions& limits = options.iteration;
+  const auto evidence = cycle_evidence(graph, robust.cycle_threshold, [&] {
+    return watch.seconds() < limits.time_limit && (!limits.keep_going || limits.keep_going());
+  });
+  std::vector<bool> refuted;
+  for (const CycleEvidence& e : evidence) {
+    const auto k = static_cast<Index>(refuted.size());
+    refuted.push_back(e.refuted(robust.min_cycles) && !robust.known.trusts(k));
+  }
+  return refuted;
+}
+
 }  // namespace detail
 
 ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
@@ -78,49 +72,83 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   if (!(robust.scale >= 0.0) || !(robust.cycle_threshold >= 0.0)) {
     throw std::invalid_argument("a scale or threshold is negative or not a number");
   }
-  RobustRun run(graph, options);
+  if (robust.min_cycles < 1) throw std::invalid_argument("min_cycles is less than 1");
+  robust.known.check(graph);
+  const Stopwatch watch;
+  std::vector<bool> refuted, left_out = robust.known.excluded;
+  if (robust.cycle_threshold > 0.0) {
+    refuted = detail::refuted_edges(graph, options, robust, watch);
+    left_out.resize(refuted.size(), false);
+    for (std::size_t k = 0; k < refuted.size(); ++k) left_out[k] = left_out[k] || refuted[k];
+  }
+  EdgeUnits units = edge_units(graph, robust.known, robust.weight_kind);
+  std::vector<double> given = weights_of(graph);
+  MeasurementGraph weighted = graph;
+  if (!left_out.empty()) {
+    leave_out(left_out, given);
+    leave_out(left_out, units.voices);
+    weighted.set_weights(given);
+  }
+  const CheckedPart part(weighted, left_out);
+  RobustRun run(part.graph(), options, part.series_of_part(),
+                {part.of_edges(units.precision), part.of_edges(units.voices)}, watch);
   RobustSolution solution;
   const auto go_on = [&] { return run.ended() == Status::not_run; };
-  std::vector<bool> refuted;
-  if (robust.cycle_threshold > 0.0) {
-    for (const CycleEvidence& e : cycle_evidence(graph, robust.cycle_threshold, run.keep_going())) {
-      refuted.push_back(e.refuted());
-    }
-    run.leave_out(refuted);
-  }
 
   // 1.
+  run.judge_evenly(true);
   Initialization init = Initialization::automatic;
-  Rotations R = start ? checked_rotations(graph, std::move(*start)) : run.least_squares(init);
+  Rotations R = start ? part.of_nodes(checked_rotations(graph, std::move(*start)))
+                      : run.least_squares(part.of_edges(robust.known.initial_weights), init);
+  std::vector<Rotations> starts{R};
+  const bool knows_weights = !robust.known.initial_weights.empty();
   const IterationResult l1 =
-      run.reweighted(R, {Loss::l1, l1_scale}, l1_gain, go_on() ? l1_limit : 0);
+      run.reweighted(R, {Loss::l1, l1_scale}, l1_gain, go_on() && !knows_weights ? l1_limit : 0);
   R = l1.rotations;
+  starts.push_back(R);
 
   // 2. and 3.
-  const Index num_cycles =
-      graph.num_edges() - graph.num_nodes() + connected_components(graph).size();
-  const double freedom = static_cast<double>(num_cycles) / graph.num_edges();
-  Consensus consensus = find_consensus(run, graph, num_cycles, std::move(R));
+  Consensus consensus = find_consensus(run, part.graph(), std::move(R));
   const double noise = consensus.noise;
   const Index moved = consensus.moved;
   R = std::move(consensus.rotations);
+  starts.push_back(R);
 
   // 4.
   RobustLoss& loss = solution.loss;
   loss.kind = robust.loss == Loss::automatic ? Loss::cauchy : robust.loss;
-  loss.scale = robust.scale > 0.0 ? robust.scale : default_scale(loss.kind, freedom) * noise;
+  loss.scale = robust.scale;
+  if (loss.scale == 0.0) loss.scale = default_scale(loss.kind, part.series().freedom()) * noise;
   const double prepared = run.seconds();
   if (go_on()) R = run.graduated(R, loss);
-  IterationResult reweighted = run.reweighted(R, loss, loss_gain, go_on() ? loss_limit : 0);
+  const auto settle = [&](const Rotations& from) {
+    return run.reweighted(from, loss, loss_gain, go_on() ? loss_limit : 0);
+  };
+  IterationResult reweighted = settle(R);
+  for (const Rotations& other : starts) {
+    if (!(run.objective_at(other, loss) < reweighted.objective)) continue;
+    IterationResult second = settle(other);
+    if (second.objective < reweighted.objective) reweighted = std::move(second);
+  }
   const double reweighting_seconds = run.seconds() - prepared;
 
   // 5.
-  run.hold_weights(reweighted.rotations, loss);
+  R = part.extended(reweighted.rotations);
+  std::vector<double> x, weights;
+  const auto update_residuals = [&] {
+    squared_residuals(ResidualQuaternions(weighted, to_quaternions(R), run.num_threads()), x);
+  };
+  update_residuals();
+  robust_weights(given, x, loss, units.precision, run.num_threads(), weights);
+  // What rounding leaves of a proof wants no lighter edges than these.
+  for (std::size_t k = 0; k < x.size(); ++k) {
+    weights[k] = std::max(weights[k], least_weight_share * given[k]);
+  }
+  weighted.set_weights(weights);
   Status early = run.ended();
   if (go_on() && reweighted.status == Status::iteration_limit) early = Status::iteration_limit;
   static_cast<Solution&>(solution) =
-      solve(run.graph(), run.stage(go_on() ? options.iteration.max_iterations : 0),
-            std::move(reweighted.rotations));
+      solve(weighted, run.stage(go_on() ? options.iteration.max_iterations : 0), std::move(R));
   if (early != Status::not_run) solution.status = early;
   solution.init = init;
   solution.iterations += run.iterations();
@@ -130,15 +158,25 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   solution.reason = detail::describe(loss, l1.iterations, moved, reweighted.iterations) +
                     (solution.reason.empty() ? "" : "; then " + solution.reason);
 
-  const std::vector<double>& x = run.squared_residuals_at(solution.rotations);
+  R = solution.rotations;
+  update_residuals();
   solution.moved_by_votes = moved;
-  solution.edge_weights = weights_of(run.graph());
-  solution.robust_objective = robust_objective(run.given(), x, loss, run.num_threads());
+  solution.edge_weights = std::move(weights);
+  solution.robust_objective = robust_objective(given, x, loss, units.precision, run.num_threads());
   solution.noise = noise;
   solution.threshold = outlier_noises * solution.noise;
   if (loss.kind == Loss::tls) solution.threshold = loss.scale;
-  if (loss.kind == Loss::l2) solution.threshold = 3.141592653589793;  // believes everything
-  solution.verdicts = edge_verdicts(graph, x, solution.threshold, refuted);
+  double doubtful = solution.threshold;
+  if (loss.kind == Loss::l2) {  // believes everything
+    solution.threshold = 3.141592653589793;
+    doubtful = std::numeric_limits<double>::infinity();
+  }
+  solution.verdicts =
+      edge_verdicts(graph, part.series(), x, units.precision, doubtful, robust.known, refuted);
+  solution.edge_scales.reserve(x.size());
+  for (std::size_t k = 0; k < x.size(); ++k) {
+    solution.edge_scales.push_back(1.0 / std::sqrt(precision_of(units.precision, k)));
+  }
   return solution;
 }
 

@@ -13,7 +13,8 @@ namespace rotavg {
 class GroundedGraph;
 
 /// solve_robust() with priors: the weights of the measurements come from a robust solution without
-/// what holds the world, and are held in the problem with it, which is solved and certified.
+/// what holds the world. With these, absolute priors and gravity get robust weights as well
+/// (RobustPriors), and all are held in the problem that is solved and certified.
 ///
 /// @param start an initial value to use instead of the first least squares, world_from_i of the
 ///        given nodes

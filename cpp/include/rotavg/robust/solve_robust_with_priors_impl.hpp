@@ -1,13 +1,16 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <optional>
 #include <utility>
 #include <vector>
 
 #include <rotavg/compiled.hpp>
+#include <rotavg/reduction/alignment.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
+#include <rotavg/robust/robust_priors.hpp>
 #include <rotavg/robust/solve_robust_impl.hpp>
 #include <rotavg/robust/solve_robust_with_priors.hpp>
 #include <rotavg/solve/solve_with_priors_impl.hpp>
@@ -22,27 +25,84 @@ namespace detail {
 
 /// Makes what was found of the measurements between frames what is told of all the given ones.
 /// Those within a frame are constants, which are judged all the same.
-inline void tell_of_measurements(const GroundedGraph& problem, RobustSolution& solution) {
+inline void tell_of_measurements(const GroundedGraph& problem, const RobustOptions& robust,
+                                 RobustSolution& solution) {
   const MeasurementGraph& given = problem.given();
   const Riding& frames = problem.frames();
   std::vector<double> weights = weights_of(given);
+  const EdgeUnits units = edge_units(given, robust.known, robust.weight_kind);
   std::vector<EdgeVerdict> verdicts(weights.size(), EdgeVerdict::inlier);
+  solution.edge_scales.clear();
   std::size_t between = 0;
   for (Index k = 0; k < given.num_edges(); ++k) {
     const Edge& e = given.edges()[k];
+    const double precision = precision_of(units.precision, k);
+    solution.edge_scales.push_back(1.0 / std::sqrt(precision));
     if (frames.variable[e.i] != frames.variable[e.j]) {
       weights[k] = solution.edge_weights[between];
       verdicts[k] = solution.verdicts.edges[between++];
       continue;
     }
     const double x = 0.5 * residual(e, solution.rotations).squaredNorm();
-    weights[k] = std::max(min_weight, e.weight * weight_share(solution.loss, x));
-    if (x > solution.threshold * solution.threshold) verdicts[k] = EdgeVerdict::robust_weight;
+    weights[k] = std::max(min_weight, e.weight * weight_share(solution.loss, x, precision));
+    if (precision * x > solution.threshold * solution.threshold) {
+      verdicts[k] = EdgeVerdict::robust_weight;
+    }
+    if (robust.known.trusts(k)) verdicts[k] = EdgeVerdict::trusted;
+    if (robust.known.excludes(k)) verdicts[k] = EdgeVerdict::excluded;
   }
   std::vector<Index> part;
   for (const Index v : frames.variable) part.push_back(solution.verdicts.part[v]);
   solution.edge_weights = std::move(weights);
   solution.verdicts = {std::move(verdicts), std::move(part)};
+}
+
+/// Gives the priors their robust weights. First the components turn as a whole, as the priors that
+/// agree have it; then measurements and priors are solved together, as the weights change, since
+/// rotations that drift are held by their priors only there.
+///
+/// @param weighted with the robust weights of the measurements
+/// @param solution of the measurements alone; receives where it ended, and the verdicts
+inline void weigh_priors(GroundedGraph& weighted, const SolveOptions& options,
+                         const Stopwatch& watch, RobustSolution& solution) {
+  constexpr int turns = 40, rounds = 12;
+  constexpr double settled = 1e-3;
+  RobustPriors priors(weighted, solution.loss);
+  const auto weigh = [&](bool rough) {
+    const double change = priors.update(weighted, solution.rotations, rough);
+    weighted.set_prior_weights(priors.absolute().weights, priors.gravity().weights);
+    return change;
+  };
+  const auto turn = [&] {
+    solution.rotations =
+        aligned_with_priors(weighted, solution.components.label, std::move(solution.rotations));
+  };
+  turn();
+  for (const bool rough : {true, false}) {
+    for (int k = 0; k < turns && weigh(rough) > settled; ++k) turn();
+  }
+  for (int k = 0; k < rounds && solution.status != Status::stopped; ++k) {
+    SolveOptions rest = options;
+    rest.certify = false;
+    rest.iteration.tolerance = std::max(options.iteration.tolerance, 1e-6);
+    rest.iteration.callback = nullptr;
+    rest.iteration.time_limit = std::max(0.0, options.iteration.time_limit - watch.seconds());
+    solution.rotations = meet_priors(weighted, solution, rest).rotations;
+    if (weigh(false) <= settled) break;
+  }
+  solution.absolute = priors.absolute();
+  solution.gravity = priors.gravity();
+}
+
+/// What is known of the measurements between frames.
+inline EdgeKnowledge between_frames(const GroundedGraph& problem, const EdgeKnowledge& known) {
+  const Riding& frames = problem.frames();
+  std::vector<Index> between;
+  for (Index k = 0; k < problem.given().num_edges(); ++k) {
+    const Edge& e = problem.given().edges()[k];
+    if (frames.variable[e.i] != frames.variable[e.j]) between.push_back(k);
+  }
+  return known.of(between);
 }
 
 }  // namespace detail
@@ -51,6 +111,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem, const So
                                           const RobustOptions& robust,
                                           std::optional<Rotations> start) {
   const Stopwatch watch;
+  robust.known.check(problem.given());
   SolveOptions rough = options;
   if (problem.has_world()) {
     rough.certify = false;
@@ -58,12 +119,17 @@ ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem, const So
   }
   RobustSolution solution = detail::solve_measurements(
       problem, std::move(start), [&](const MeasurementGraph& graph, std::optional<Rotations> R) {
-        return solve_robust(graph, rough, robust, std::move(R));
+        RobustOptions between = robust;
+        between.known = detail::between_frames(problem, robust.known);
+        return solve_robust(graph, rough, between, std::move(R));
       });
-  if (!problem.priors().rigs.empty()) detail::tell_of_measurements(problem, solution);
+  if (!problem.priors().rigs.empty()) detail::tell_of_measurements(problem, robust, solution);
   if (!problem.has_world()) return solution;
   GroundedGraph weighted = problem;
   weighted.set_weights(solution.edge_weights);
+  if (robust.priors && solution.loss.kind != Loss::l2) {
+    detail::weigh_priors(weighted, options, watch, solution);
+  }
   SolveOptions rest = options;
   rest.iteration.max_iterations =
       std::max(0, options.iteration.max_iterations - solution.iterations);

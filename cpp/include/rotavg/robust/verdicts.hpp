@@ -3,9 +3,12 @@
 #include <cstddef>
 #include <vector>
 
-#include <rotavg/graph/bridges.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/graph/parts.hpp>
+#include <rotavg/graph/series.hpp>
+#include <rotavg/robust/edge_knowledge.hpp>
+#include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/scale.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -17,9 +20,11 @@ namespace rotavg {
 enum class EdgeVerdict {
   inlier,
   bridge,         ///< no cycle passes through it: nothing checks it
+  trusted,        ///< the caller's: the loss does not touch it
   robust_weight,  ///< its residual is beyond the threshold
   cycle_check,    ///< no short cycle agrees with it: it was left out from the start
-  weak_part,      ///< beyond the threshold as well; and no trusted edge joins the same two parts
+  weak_part,      ///< beyond the threshold as well; and no inlier joins the same two parts
+  excluded,       ///< the caller's: it was left out from the start
 };
 
 inline bool is_outlier(EdgeVerdict verdict) { return verdict >= EdgeVerdict::robust_weight; }
@@ -31,22 +36,46 @@ struct EdgeVerdicts {
   std::vector<Index> part;
 };
 
+/// A series of edges (Series) is judged as a whole, by what it leaves over, in units of its own
+/// noise. Of one beyond the threshold those edges are outliers whose own residuals are beyond it,
+/// too; if there are none, since they share it, the one with the largest.
+///
 /// @param x squared residuals (m,)
-/// @param threshold a chord; edges with larger residuals are outliers
+/// @param precision (m,) in whose units they are judged; empty: all 1
+/// @param threshold a chord
 /// @param refuted (m,) edges that the cycle check has left out; empty for none
-inline EdgeVerdicts edge_verdicts(const MeasurementGraph& graph, const std::vector<double>& x,
-                                  double threshold, const std::vector<bool>& refuted) {
-  const std::vector<bool> is_bridge = bridges(graph);
+inline EdgeVerdicts edge_verdicts(const MeasurementGraph& graph, const Series& series,
+                                  const std::vector<double>& x,
+                                  const std::vector<double>& precision, double threshold,
+                                  const EdgeKnowledge& known, const std::vector<bool>& refuted) {
+  const double most = threshold * threshold;
+  const std::vector<double> together = series_residuals(series, x, precision);
+  const auto judged = [&](Index k) { return precision_of(precision, k) * x[k]; };
+  std::vector<Index> worst(series.size, -1);  // its edge with the largest residual
   EdgeVerdicts verdicts;
   verdicts.edges.assign(x.size(), EdgeVerdict::inlier);
-  std::vector<bool> holds(x.size());
-  for (std::size_t k = 0; k < x.size(); ++k) {
+  for (Index k = 0; k < graph.num_edges(); ++k) {
     EdgeVerdict& verdict = verdicts.edges[k];
-    if (is_bridge[k]) verdict = EdgeVerdict::bridge;
-    if (x[k] > threshold * threshold) verdict = EdgeVerdict::robust_weight;
-    if (!refuted.empty() && refuted[k]) verdict = EdgeVerdict::cycle_check;
-    holds[k] = !is_outlier(verdict);
+    const Index s = series.label[k];
+    if (known.trusts(k)) {
+      verdict = EdgeVerdict::trusted;
+    } else if (known.excludes(k)) {
+      verdict = EdgeVerdict::excluded;
+    } else if (!refuted.empty() && refuted[k]) {
+      verdict = EdgeVerdict::cycle_check;
+    } else if (s < 0) {
+      verdict = judged(k) > most ? EdgeVerdict::robust_weight : EdgeVerdict::bridge;
+    } else if (together[s] > most) {
+      if (judged(k) > most) verdict = EdgeVerdict::robust_weight;
+      if (worst[s] < 0 || judged(k) > judged(worst[s])) worst[s] = k;
+    }
   }
+  for (const Index k : worst) {
+    if (k >= 0) verdicts.edges[k] = EdgeVerdict::robust_weight;
+  }
+
+  std::vector<bool> holds(x.size());
+  for (std::size_t k = 0; k < x.size(); ++k) holds[k] = !is_outlier(verdicts.edges[k]);
   verdicts.part = parts_joined_by(graph, holds);
   for (std::size_t k = 0; k < x.size(); ++k) {
     const Edge& e = graph.edges()[k];

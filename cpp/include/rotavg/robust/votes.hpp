@@ -23,17 +23,19 @@ namespace rotavg {
 /// rises.
 ///
 /// @param weights (m,) of the edges; those in the graph are not used
+/// @param precision (m,) in whose units the residuals are judged; empty: all 1
 /// @param loss bounded, as geman_mcclure: a node with more than half of its weight on edges that
 ///        it agrees with is left alone, since no other rotation can do better
 /// @param q world_from_i, changed in place, node after node
 /// @param open (n,) which nodes are looked at: in the end, those with a neighbour that has moved
 /// @returns how many nodes moved
 inline Index vote_sweep(const MeasurementGraph& graph, const std::vector<double>& weights,
-                        const RobustLoss& loss, Quaternions& q, std::vector<bool>& open) {
+                        const std::vector<double>& precision, const RobustLoss& loss,
+                        Quaternions& q, std::vector<bool>& open) {
   constexpr Index max_candidates = 48;
   constexpr double clearly = 0.999;
   std::vector<Vector4> estimates;
-  std::vector<double> w;
+  std::vector<double> w, p;
   Index moved = 0;
   for (Index l = 0; l < graph.num_nodes(); ++l) {
     const auto row = graph.row(l);
@@ -42,22 +44,23 @@ inline Index vote_sweep(const MeasurementGraph& graph, const std::vector<double>
     open[l] = false;
     estimates.clear();
     w.clear();
-    double total = 0.0;
+    p.clear();
+    double most = 0.0;
     for (const HalfEdge& h : row) {
       estimates.push_back(product(q[h.node], h.node_from_l).normalized());
       w.push_back(weights[h.edge()]);
-      total += w.back();
+      p.push_back(precision_of(precision, h.edge()));
+      most += w.back() * loss.rho(4.0, p.back());
     }
     // r^2 = 4 (1 - s^2) for the cosine s of the angle between two quaternions
-    const auto cost = [&](const Vector4& p) {
+    const auto cost = [&](const Vector4& at) {
       double sum = 0.0;
       for (Index k = 0; k < degree; ++k) {
-        const double s = p.dot(estimates[k]);
-        sum += w[k] * loss.rho(std::max(0.0, 4.0 * (1.0 - s * s)));
+        const double s = at.dot(estimates[k]);
+        sum += w[k] * loss.rho(std::max(0.0, 4.0 * (1.0 - s * s)), p[k]);
       }
       return sum;
     };
-    const double most = loss.rho(4.0) * total;
     double least = cost(q[l].coeffs());
     if (least < 0.5 * most) continue;
     least *= clearly;
@@ -82,14 +85,14 @@ inline Index vote_sweep(const MeasurementGraph& graph, const std::vector<double>
 /// @param keep_going asked before every sweep; false stops
 /// @returns how many moved, each as often as it did
 inline Index take_votes(const MeasurementGraph& graph, const std::vector<double>& weights,
-                        const RobustLoss& loss, Rotations& R,
+                        const std::vector<double>& precision, const RobustLoss& loss, Rotations& R,
                         const std::function<bool()>& keep_going = {}) {
   constexpr int max_sweeps = 3;
   Quaternions q = to_quaternions(R);
   std::vector<bool> open(q.size(), true);
   Index moved = 0;
   for (int k = 0; k < max_sweeps && (!keep_going || keep_going()); ++k) {
-    const Index now = vote_sweep(graph, weights, loss, q, open);
+    const Index now = vote_sweep(graph, weights, precision, loss, q, open);
     moved += now;
     if (now == 0) break;
   }

@@ -1,0 +1,97 @@
+"""What is known of edges beforehand, for `rotavg solve`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+import rotavg
+from rotavg.cli import options
+from rotavg.cli.options import choice, number
+from rotavg.io.edges import read_edge_list
+from rotavg.solving.edge_masks import edge_mask, odometry
+
+_OPTIONS = (
+    number("--min-cycles", click.IntRange(1), 3, "How many short cycles --cycle-threshold wants."),
+    choice(
+        "--weight-kind",
+        ["auto", "precision", "frequency"],
+        "auto",
+        "What weights say to --loss: inverse variances (auto), or how often an edge was measured.",
+    ),
+    click.option(
+        "--trusted",
+        "trusted_path",
+        type=options.PATH,
+        help="Edges that --loss does not touch: I J on every line, or CSV with columns i, j "
+        "and perhaps trusted (1 or 0).",
+    ),
+    click.option(
+        "--trust-odometry",
+        is_flag=True,
+        help="Trust the edges between consecutive ids.",
+    ),
+    click.option(
+        "--excluded",
+        "excluded_path",
+        type=options.PATH,
+        help="Edges to leave out, likewise (column excluded).",
+    ),
+)
+
+
+def known_edge_options(command: Any) -> Any:
+    """The options about what is known of edges."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def check_known_edges(
+    loss: str, trusted: Path | None, trust_odometry: bool, weight_kind: str
+) -> None:
+    """UsageError for options that have no effect without a robust loss."""
+    given = {
+        "--trusted": trusted is not None,
+        "--trust-odometry": trust_odometry,
+        "--weight-kind": weight_kind != "auto",
+    }
+    for name, is_given in given.items():
+        if is_given and loss == "l2":
+            raise click.UsageError(f"{name} is for --loss, which is not given or l2")
+
+
+def read_known_edges(
+    graph: rotavg.MeasurementGraph,
+    trusted: Path | None,
+    trust_odometry: bool,
+    excluded: Path | None,
+) -> dict[str, NDArray[np.bool_] | None]:
+    """Masks (m,) as `rotavg.solve` takes them."""
+    trust = None if trusted is None else _mask(graph, trusted, "trusted")
+    leave_out = None if excluded is None else _mask(graph, excluded, "excluded")
+    if trust_odometry:
+        between = odometry(graph)
+        if leave_out is not None:
+            between &= ~leave_out
+        trust = between if trust is None else trust | between
+    return {"trusted": trust, "excluded": leave_out}
+
+
+def _mask(graph: rotavg.MeasurementGraph, path: Path, column: str) -> NDArray[np.bool_]:
+    pairs: list[tuple[Any, Any]] = list(read_edge_list(path, column))
+    if graph.nodes.dtype.kind != "U":
+        try:
+            pairs = [(int(i), int(j)) for i, j in pairs]
+        except ValueError as error:
+            raise rotavg.FormatError(f"the nodes are numbers; {error}", path=path) from None
+    try:
+        mask = edge_mask(graph, "it", pairs)
+    except rotavg.GraphError as error:
+        raise rotavg.FormatError(str(error), path=path) from None
+    assert mask is not None
+    return mask

@@ -1,0 +1,79 @@
+"""Which edges are meant: masks, pairs of nodes, or the odometry of a trajectory."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotavg.base.arrays import as_floats
+from rotavg.base.errors import GraphError, OptionError
+from rotavg.graph.ids import as_ids, rows_of
+from rotavg.graph.measurement_graph import MeasurementGraph
+
+
+def edge_mask(
+    graph: MeasurementGraph, name: str, edges: ArrayLike | None
+) -> NDArray[np.bool_] | None:
+    """(m,) mask of `edges`, which is one, or pairs of node ids (k, 2); None for None.
+
+    A pair stands for all edges between its nodes, whichever end is first.
+
+    Raises GraphError for a mask of another size, and for nodes that no edge of the graph joins.
+    """
+    if edges is None:
+        return None
+    given = np.asarray(edges)
+    if given.dtype == np.bool_:
+        if given.shape != (graph.num_edges,):
+            raise GraphError(
+                f"{name} has shape {given.shape}; expected ({graph.num_edges},), one for each "
+                "edge, or pairs of nodes (k, 2)"
+            )
+        return given
+    if given.size == 0:
+        return np.zeros(graph.num_edges, dtype=np.bool_)
+    pairs = as_ids(edges, name)
+    if pairs.ndim != 2 or pairs.shape[1] != 2:
+        raise GraphError(
+            f"{name} has shape {pairs.shape}; expected pairs of nodes (k, 2), or a mask "
+            f"({graph.num_edges},)"
+        )
+    rows = np.sort(rows_of(pairs, graph.nodes), axis=1)
+    ends = np.sort(graph.indices, axis=1).astype(np.int64)
+    n = graph.num_nodes
+    wanted, there = rows[:, 0] * n + rows[:, 1], ends[:, 0] * n + ends[:, 1]
+    known = (rows >= 0).all(axis=1) & np.isin(wanted, there)
+    if not known.all():
+        i, j = pairs[np.argmin(known)].tolist()
+        raise GraphError(f"{name} holds the edge ({i!r}, {j!r}), which the graph does not have")
+    return np.isin(there, wanted)
+
+
+def odometry(graph: MeasurementGraph) -> NDArray[np.bool_]:
+    """(m,) whether an edge joins nodes whose ids follow one another, as those of a trajectory do.
+
+    Raises GraphError if the ids are names.
+    """
+    if graph.nodes.dtype.kind == "U":
+        raise GraphError("the nodes have names, and so no edge joins consecutive numbers")
+    ends = graph.edges
+    low, high = np.min(ends, axis=1), np.max(ends, axis=1)
+    return np.asarray(high - low == 1, dtype=np.bool_)
+
+
+def edge_values(
+    graph: MeasurementGraph, name: str, values: ArrayLike | None, low: float, high: float
+) -> NDArray[np.float64] | None:
+    """(m,) numbers from `low` to `high`, one for each edge; None for None."""
+    if values is None:
+        return None
+    numbers = as_floats(values, (graph.num_edges,), name)
+    within = (numbers >= low) & (numbers <= high)
+    if not within.all():
+        k = int(np.argmin(within))
+        i, j = graph.edges[k].tolist()
+        raise OptionError(
+            f"{name} of the edge ({i!r}, {j!r}) is {numbers[k]:g}; expected a number from "
+            f"{low:g} to {high:g}"
+        )
+    return numbers

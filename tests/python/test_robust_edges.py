@@ -1,0 +1,272 @@
+"""What cycles check, what weights say, and what is known of edges and priors beforehand."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import rotavg
+from rotavg.cli.main import main
+from rotavg.solving.uncertainty import estimated_noise_variance
+from shared_data import shared_data
+
+LOSSES = ("auto", "huber", "l1", "l_half", "cauchy", "geman_mcclure", "tls")
+
+
+def case(name: str) -> Path:
+    return shared_data(f"../cases/{name}")
+
+
+def turn(z: float) -> np.ndarray:
+    return np.array([0.0, 0.0, z])
+
+
+def ring_with_tail(tail: int) -> rotavg.MeasurementGraph:
+    """Nine nodes in a ring that misses the identity by nine degrees, and a tail."""
+    edges = [(k, (k + 1) % 9) for k in range(9)] + [(8 + k, 9 + k) for k in range(tail)]
+    turns = [turn(np.radians(41))] * 9 + [turn(0.3)] * tail
+    return rotavg.MeasurementGraph.from_rotvecs(edges, np.array(turns))
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_a_chain_of_bridges_changes_nothing_of_its_core(loss: str) -> None:
+    core = rotavg.read(case("bridges/pendant_core.txt"))
+    chain = rotavg.read(case("bridges/pendant_chain.txt"))
+    a = rotavg.solve(core, loss=loss)  # type: ignore[arg-type]
+    b = rotavg.solve(chain, loss=loss)  # type: ignore[arg-type]
+    assert a.robust is not None
+    assert b.robust is not None
+    assert a.robust.noise == b.robust.noise
+    assert a.edge_verdicts.tolist() == b.edge_verdicts[: core.num_edges].tolist()
+    assert set(b.edge_verdicts[core.num_edges :].tolist()) == {"bridge"}
+    assert b.solved
+    assert estimated_noise_variance(b) == pytest.approx(estimated_noise_variance(a), rel=1e-3)
+
+
+@pytest.mark.parametrize("tail", [0, 12])
+def test_one_cycle_is_no_contamination(tail: int) -> None:
+    graph = ring_with_tail(tail)
+    assert "outliers?" not in str(rotavg.solve(graph))
+    for loss in LOSSES:
+        assert not rotavg.solve(graph, loss=loss).is_outlier.any()  # type: ignore[arg-type]
+
+
+def test_a_real_trajectory_of_few_loops_is_not_called_contaminated() -> None:
+    path = case("g2o/kimera_ordered.g2o")
+    graph = rotavg.read(path)
+    assert "outliers?" not in str(rotavg.solve(graph))
+    solution = rotavg.solve(graph, loss="auto")
+    assert solution.is_outlier.sum() <= 2
+    assert solution.solved
+    result = CliRunner().invoke(main, ["info", str(path), "--json"])
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["cycles"]["contamination"] is None
+
+
+def test_counts_of_inliers_are_precisions() -> None:
+    graph = rotavg.read(case("weights/sequential_inliers.txt"))
+    nodes, truth = rotavg.read_rotations(case("weights/sequential_truth.txt"))
+    assert nodes.tolist() == graph.nodes.tolist()
+    solution = rotavg.solve(graph, loss="auto")
+    assert solution.is_outlier.sum() <= 1
+    assert np.degrees(rotavg.compare(solution.rotations, truth).mean) < 0.85
+
+
+def test_an_outlier_among_exact_edges_of_uneven_weight_is_proved() -> None:
+    graph = rotavg.read(case("weights/k5_one_outlier.txt"))
+    for loss in ("auto", "geman_mcclure", "tls"):
+        solution = rotavg.solve(graph, loss=loss)  # type: ignore[arg-type]
+        assert solution.is_outlier.sum() == 1
+        assert solution.solved
+
+
+def two_sensors(seed: int) -> tuple[rotavg.MeasurementGraph, np.ndarray, np.ndarray]:
+    """Edges of 0.3 and of 3 degrees with weights 1 / sigma^2; the truth; which are wrong."""
+    rng = np.random.default_rng(seed)
+    simulation = rotavg.simulate("erdos_renyi", 60, density=0.2, noise=0.0, seed=seed)
+    graph, truth = simulation.graph, simulation.ground_truth
+    sigma = np.radians(np.where(rng.random(graph.num_edges) < 0.5, 0.3, 3.0))
+    vectors = rng.normal(size=(graph.num_edges, 3)) * sigma[:, None] / np.sqrt(3)
+    noise = rotavg.MeasurementGraph.from_rotvecs([(0, 1)] * graph.num_edges, vectors).rotations
+    rotations = graph.rotations @ noise
+    weights = 1 / sigma**2
+    wrong = np.zeros(graph.num_edges, dtype=bool)
+    wrong[::12] = True  # each as heavy as a hundred of the others
+    axes = rng.normal(size=(int(wrong.sum()), 3))
+    anywhere = rotavg.MeasurementGraph.from_rotvecs([(0, 1)] * len(axes), 2 * axes)
+    rotations[wrong] = anywhere.rotations
+    weights[wrong] = 100 * weights.max()
+    return rotavg.MeasurementGraph(graph.edges, rotations, weights=weights), truth, wrong
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_residuals_are_judged_in_units_of_their_weights(seed: int) -> None:
+    graph, truth, wrong = two_sensors(seed)
+    solution = rotavg.solve(graph, loss="auto")
+    assert np.degrees(rotavg.compare(solution.rotations, truth).mean) < 0.4
+    assert solution.is_outlier[wrong].all()
+    assert solution.is_outlier[~wrong].mean() < 0.08
+    assert solution.robust is not None
+    scales = solution.robust.edge_scales
+    assert scales == pytest.approx(np.sqrt(np.median(graph.weights) / graph.weights), rel=1e-9)
+    assert "at the median weight" in str(solution)
+    frequency = rotavg.solve(graph, loss="auto", weight_kind="frequency")
+    assert frequency.robust is not None
+    assert (frequency.robust.edge_scales == 1).all()
+
+
+def test_trusted_and_excluded_edges_scales_and_initial_weights() -> None:
+    simulation = rotavg.simulate("erdos_renyi", 40, density=0.4, noise=0.02, outliers=0.2, seed=4)
+    graph = simulation.graph
+    wrong = np.flatnonzero(simulation.is_outlier)[:3]
+    assert rotavg.solve(graph, loss="auto").is_outlier[wrong].all()
+    scales = np.ones(graph.num_edges)
+    scales[wrong[2]] = 1e3
+    solution = rotavg.solve(
+        graph,
+        loss="auto",
+        trusted=graph.edges[wrong[:1], ::-1],  # pairs of nodes, whichever end is first
+        excluded=np.arange(graph.num_edges) == wrong[1],
+        edge_scales=scales,
+        initial_weights=np.where(simulation.is_outlier, 0.0, 1.0),
+    )
+    assert solution.edge_verdicts[wrong].tolist() == ["trusted", "excluded", "inlier"]
+    assert solution.edge_weights[wrong[0]] == 1
+    assert solution.edge_weights[wrong[1]] < 1e-5
+    assert solution.is_outlier[wrong].tolist() == [False, True, False]
+    assert "trusted" in str(solution)
+    plain = rotavg.solve(graph, excluded=simulation.is_outlier)  # least squares without them
+    assert rotavg.compare(plain.rotations, simulation.ground_truth).mean < 0.02
+    assert (plain.edge_verdicts[simulation.is_outlier] == "excluded").all()
+
+
+def test_what_is_known_of_edges_must_fit_the_graph() -> None:
+    graph = ring_with_tail(2)
+    with pytest.raises(rotavg.GraphError, match=r"trusted has shape \(3,\); expected \(11,\)"):
+        rotavg.solve(graph, loss="auto", trusted=np.ones(3, dtype=bool))
+    with pytest.raises(rotavg.GraphError, match=r"edge \(0, 5\), which the graph does not have"):
+        rotavg.solve(graph, loss="auto", excluded=[(0, 5)])
+    with pytest.raises(rotavg.OptionError, match='trusted is for a robust loss, and this is "l2"'):
+        rotavg.solve(graph, trusted=[(0, 1)])
+    with pytest.raises(rotavg.OptionError, match=r"edge \(0, 1\) is both trusted and excluded"):
+        rotavg.solve(graph, loss="auto", trusted=[(0, 1)], excluded=[(1, 0)])
+    with pytest.raises(rotavg.OptionError, match="initial_weights of the edge"):
+        rotavg.solve(graph, loss="auto", initial_weights=np.full(11, 2.0))
+    with pytest.raises(rotavg.OptionError, match="unknown weight_kind 'heavy'"):
+        rotavg.solve(graph, loss="auto", weight_kind="heavy")  # type: ignore[arg-type]
+
+
+def test_known_edges_on_the_command_line(tmp_path: Path) -> None:
+    simulation = rotavg.simulate("erdos_renyi", 30, density=0.5, noise=0.02, outliers=0.2, seed=7)
+    graph_path, table = tmp_path / "graph.txt", tmp_path / "edges.csv"
+    rotavg.write(graph_path, simulation.graph)
+    first, second = simulation.graph.edges[np.flatnonzero(simulation.is_outlier)[:2]].tolist()
+    (tmp_path / "sure.txt").write_text(f"# i j\n{first[0]} {first[1]}\n")
+    (tmp_path / "wrong.csv").write_text(f"i,j,excluded\n{second[0]},{second[1]},1\n0,0,0\n")
+    options = ["--loss", "auto", "--trusted", str(tmp_path / "sure.txt"), "--trust-odometry"]
+    options += ["--excluded", str(tmp_path / "wrong.csv"), "--edges", str(table), "--json"]
+    result = CliRunner().invoke(main, ["solve", str(graph_path), *options])
+    assert result.exit_code == 0, result.output
+    verdicts = {}
+    for line in table.read_text().splitlines()[1:]:
+        fields = line.split(",")
+        verdicts[int(fields[0]), int(fields[1])] = fields[-1]
+    assert verdicts[tuple(first)] == "trusted"
+    assert verdicts[tuple(second)] == "excluded"
+    for (i, j), verdict in verdicts.items():
+        if abs(i - j) == 1 and verdict != "excluded":
+            assert verdict == "trusted"
+    (tmp_path / "sure.txt").write_text("0\n")
+    result = CliRunner().invoke(main, ["solve", str(graph_path), *options])
+    assert result.exit_code == 2
+    assert "sure.txt" in result.output
+    assert "expected I J" in result.output
+    result = CliRunner().invoke(main, ["solve", str(graph_path), "--trust-odometry"])
+    assert result.exit_code == 2
+    assert "--trust-odometry is for --loss" in result.output
+
+
+def test_median_and_least_cycle_errors_by_brute_force() -> None:
+    graph = rotavg.simulate("erdos_renyi", 12, density=0.6, noise=0.1, seed=3).graph
+    by_ends = {}
+    for (i, j), R in zip(graph.indices.tolist(), graph.rotations):
+        by_ends[i, j], by_ends[j, i] = R, R.T
+    evidence = rotavg.cycle_evidence(graph, 0.01, min_cycles=1)
+    for k, (i, j) in enumerate(graph.indices.tolist()):
+        angles = []
+        for v in range(graph.num_nodes):
+            if (i, v) in by_ends and (v, j) in by_ends:
+                around = by_ends[i, v] @ by_ends[v, j] @ by_ends[j, i]
+                angles.append(np.arccos(np.clip((np.trace(around) - 1) / 2, -1, 1)))
+        if angles and len(angles) == evidence.checked[k]:
+            assert evidence.median_error[k] == pytest.approx(np.median(angles), abs=1e-7)
+            assert evidence.least_error[k] == pytest.approx(min(angles), abs=1e-7)
+            assert evidence.refuted[k] == (min(angles) > 0.01)
+    with pytest.raises(rotavg.OptionError, match="min_cycles is 0"):
+        rotavg.cycle_evidence(graph, 0.1, min_cycles=0)
+
+
+@pytest.mark.parametrize("loss", ["auto", "geman_mcclure", "l1"])
+def test_wrong_gravity_does_not_tilt(loss: str) -> None:
+    simulation = rotavg.simulate("erdos_renyi", 50, density=0.2, noise=0.01, seed=1)
+    rng = np.random.default_rng(0)
+    truth = simulation.ground_truth
+    down = truth.transpose(0, 2, 1) @ [0, 1, 0] + rng.normal(0, 0.01, (50, 3))
+    wrong = rng.permutation(50)[:12]
+    down[wrong] = rng.normal(size=(12, 3))
+    priors = rotavg.Priors(gravity={node: (down[node], 1.0) for node in range(50)})
+
+    solution = rotavg.solve(simulation.graph, loss=loss, priors=priors)  # type: ignore[arg-type]
+    up = (solution.rotations @ truth.transpose(0, 2, 1)) @ [0, 1, 0]
+    assert np.degrees(np.arccos(np.clip(up[:, 1], -1, 1))).max() < 1.5
+    assert solution.solved
+    assert solution.robust is not None
+    fit = solution.robust.gravity_priors
+    assert fit is not None
+    assert solution.robust.absolute_priors is None
+    assert set(wrong.tolist()) <= set(fit.nodes[fit.is_outlier].tolist())
+    assert fit.is_outlier.sum() <= 15
+    assert "gravity priors" in str(solution)
+    certificate = rotavg.certify(
+        simulation.graph.with_weights(solution.edge_weights),
+        solution.rotations,
+        priors=rotavg.Priors(gravity={node: (down[node], fit.weights[node]) for node in range(50)}),
+    )
+    assert certificate.verdict == "proved"
+    believed = rotavg.solve(
+        simulation.graph,
+        loss=loss,  # type: ignore[arg-type]
+        priors=priors,
+        robust_priors=False,
+    )
+    assert believed.robust is not None
+    assert believed.robust.gravity_priors is None
+    up = (believed.rotations @ truth.transpose(0, 2, 1)) @ [0, 1, 0]
+    assert np.degrees(np.arccos(np.clip(up[:, 1], -1, 1))).max() > 2
+    # Outliers do not count in the noise, from which covariances follow.
+    assert estimated_noise_variance(solution) < 0.2 * estimated_noise_variance(believed)
+
+
+def test_gravity_refined_from_the_neighbours() -> None:
+    simulation = rotavg.simulate("erdos_renyi", 50, density=0.3, noise=0.005, seed=2)
+    rng = np.random.default_rng(1)
+    exact = simulation.ground_truth.transpose(0, 2, 1) @ [0, 1, 0]
+    given = exact + rng.normal(0, 0.03, (50, 3))
+    given[::5] = rng.normal(size=(10, 3))
+    refined = rotavg.refined_gravity(
+        simulation.graph, {node: given[node] for node in range(50) if node != 7}
+    )
+    assert sorted(refined) == list(range(50))
+    for node, down in refined.items():
+        assert np.linalg.norm(down) == pytest.approx(1)
+        assert np.linalg.norm(down - exact[node]) < 0.06
+    with pytest.raises(rotavg.GraphError, match="not in the graph"):
+        rotavg.refined_gravity(simulation.graph, {77: [0, 1, 0]})
+    with pytest.raises(rotavg.GraphError, match="expected a direction"):
+        rotavg.refined_gravity(simulation.graph, {7: [0, 0, 0]})
+    with pytest.raises(rotavg.OptionError, match="rounds is 0"):
+        rotavg.refined_gravity(simulation.graph, {}, rounds=0)
