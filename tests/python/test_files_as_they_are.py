@@ -389,6 +389,41 @@ def test_self_edges_are_skipped_on_request(tmp_path: Path) -> None:
     assert read(tmp_path / "t.txt").num_edges == 1
 
 
+def test_rotations_that_irotavg_holds_fixed(tmp_path: Path) -> None:
+    truth = rotations_of(4)  # world_from_node of the nodes 2, 5, 7, 11
+    nodes, pairs = [2, 5, 7, 11], [(0, 1), (1, 2), (2, 3), (0, 3)]
+    wxyz = quaternions_from_matrices(np.swapaxes(truth, 1, 2))[:, [3, 0, 1, 2]]
+    edges = []
+    for i, j in pairs:
+        q = quaternions_from_matrices(truth[j].T @ truth[i])[[3, 0, 1, 2]]
+        edges.append(row(f"{nodes[i]} {nodes[j]}", q))
+    path = put(tmp_path, "g.irotavg", "4 4 2", *edges, *(row(q) for q in wxyz))
+    graph = read(path)
+    assert graph.notes == ("2 absolute rotations that are not fixed not read",)
+    ids, held = read_rotations(path)
+    assert ids.tolist() == [2, 5]
+    np.testing.assert_allclose(held, truth[:2], atol=1e-14)
+    told = run("solve", path, "-o", tmp_path / "s.npz")
+    assert "2 rotations held fixed, as the graph's file says" in told
+    np.testing.assert_allclose(read_rotations(tmp_path / "s.npz")[1], truth, atol=1e-8)
+    fixed = dict(zip(ids.tolist(), held))
+    solved = rotavg.solve(graph, priors=rotavg.Priors(fixed=fixed))
+    np.testing.assert_allclose(solved.rotations, truth, atol=1e-8)
+    # Those held stay bit by bit, whatever is measured.
+    rest = [row(q) for q in wxyz]
+    put(tmp_path, "h.irotavg", "4 4 2", *edges[:-1], "2 11 1 0 0 0", *rest)
+    run("solve", tmp_path / "h.irotavg", "-o", tmp_path / "s.npz")
+    np.testing.assert_allclose(read_rotations(tmp_path / "s.npz")[1][:2], truth[:2], atol=1e-14)
+    for head, message in (("4 4 5", "found f = 5 fixed rotations, expected 0 to 4"),
+                          ("4 4 -1", "found f = -1"), ("4 4 3", "found 2 absolute rot")):  # fmt: skip
+        put(tmp_path, "b.irotavg", head, *edges, *(row(q) for q in wxyz[:2]))
+        with pytest.raises(FormatError, match=message):
+            read(tmp_path / "b.irotavg", format="irotavg")
+    put(tmp_path, "n.irotavg", "4 4 0", *edges)
+    with pytest.raises(FormatError, match="the file has no fixed rotations"):
+        read_rotations(tmp_path / "n.irotavg")
+
+
 def test_csv_is_a_table_from_its_first_line_on(tmp_path: Path) -> None:
     graph = rotavg.MeasurementGraph([["a b", "c"], ["c", "d"]], rotations_of(2), [1, 2])
     solution = rotavg.solve(graph)

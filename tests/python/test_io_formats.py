@@ -17,7 +17,7 @@ from rotavg.graph.conventions import (
     roll_pitch_yaw_from_matrices,
 )
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.io import FORMATS, read, read_gravity, write, write_gravity
+from rotavg.io import FORMATS, read, read_gravity, read_rotations, write, write_gravity
 from shared_data import shared_data
 
 NAMED = {"text", "csv", "npz", "glomap", "1dsfm"}
@@ -374,7 +374,9 @@ def test_irotavg_by_hand(tmp_path: Path) -> None:
     assert graph.edges.tolist() == [[4, 5], [5, 9]]
     # Its R_ij = R_j R_i^T turns by +90 deg about z: ours by -90.
     np.testing.assert_allclose(graph.rotations[0], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-15)
-    assert graph.notes == ("1 absolute rotations not read",)
+    assert graph.notes == ()
+    ids, fixed = read_rotations(path)
+    assert (ids.tolist(), fixed.tolist()) == ([4], [np.eye(3).tolist()])
     for text, message in (
         ("2 3\n", r"irotavg:1: found '2 3', expected three integers m n f"),
         ("3 3 0\n0 1 1 0 0 0\n", "found 1 relative rotations, expected m = 3"),

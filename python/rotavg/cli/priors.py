@@ -12,6 +12,7 @@ import rotavg
 from rotavg.cli import options
 from rotavg.graph.ids import IdArray, rows_of
 from rotavg.io import read_gravity, read_rotations
+from rotavg.io.irotavg import FixedRotations
 
 _OPTIONS = (
     click.option(
@@ -51,19 +52,26 @@ def check_prior_options(gravity: Path | None, weight: float | None) -> None:
 def read_priors(
     graph: rotavg.MeasurementGraph, fixed: Path | None, gravity: Path | None, weight: float | None
 ) -> rotavg.Priors | None:
-    """The priors in these files, of the nodes that the graph has; None without a file.
+    """The priors in these files, of the nodes that the graph has; None where nothing is known.
 
-    What the files say of other nodes is skipped, counted and told on stderr.
+    Also those rotations that the graph's own file holds fixed. What the files say of other nodes
+    is skipped, counted and told on stderr.
     """
-    if fixed is None and gravity is None:
+    own = graph.source if isinstance(graph.source, FixedRotations) else None
+    if fixed is None and gravity is None and own is None:
         return None
     if weight is None:
         weight = float(np.median(graph.weights))
     rotations: dict[Any, Any] = {}
     downs: dict[Any, Any] = {}
+    if own is not None:
+        here = rows_of(own.nodes, graph.nodes) >= 0
+        rotations = dict(zip(own.nodes[here].tolist(), own.rotations[here]))
+        count = f"{len(rotations)} rotation{'s' * (len(rotations) != 1)}"
+        click.echo(f"note: {count} held fixed, as the graph's file says", err=True)
     if fixed is not None:
         ids, matrices = read_rotations(fixed)
-        rotations = _of_nodes(graph, fixed, ids, matrices)
+        rotations = {**rotations, **_of_nodes(graph, fixed, ids, matrices)}
     if gravity is not None:
         names, vectors = read_gravity(gravity)
         downs = _of_nodes(graph, gravity, _ids(graph, names), vectors)

@@ -135,6 +135,10 @@ def _sorted_out(
     stored, without = {}, []
     skipped: Counter[str] = Counter()
     for pair_id, count, kind, qvec, tvec in rows:
+        for name, value in (("rows", count), ("config", kind)):
+            if not isinstance(value, int):
+                found = f"pair_id {pair_id}: {name} is of type {type(value).__name__}"
+                raise FormatError(f"{found}, expected an integer", path=path)
         reason = _reason_to_skip(path, pair_id, count, kind, qvec, tvec)
         if reason and reason != _NO_POSE:
             skipped[reason] += 1
@@ -177,7 +181,7 @@ def _reason_to_skip(
     if count <= 0:
         return "no inliers"
     # COLMAP before 3.12 wrote the identity where it had computed nothing, or zeros.
-    if qvec is None or (tvec is not None and not any(tvec) and qvec == _IDENTITY):
+    if qvec is None or (qvec == _IDENTITY and isinstance(tvec, bytes) and not any(tvec)):
         return _NO_POSE
     quaternion = _vector(path, pair_id, qvec, 4)
     if not quaternion.any():

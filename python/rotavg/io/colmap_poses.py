@@ -17,6 +17,10 @@ from rotavg.base.errors import MissingExtraError, require
 if TYPE_CHECKING:
     import sqlite3
 
+_UNCALIBRATED = 3
+# What COLMAP takes the pose from, by configuration.
+_MATRIX_OF = {2: "E", 3: "F", 4: "H", 5: "H", 6: "H", 9: "E"}
+
 
 def quaternions_of_pairs(
     connection: sqlite3.Connection, pairs: Sequence[tuple[int, int, int]]
@@ -58,16 +62,19 @@ def _cameras(pycolmap: Any, connection: sqlite3.Connection) -> dict[int, Any]:
     )
     found = {}
     for image, model, width, height, params in rows:
-        try:
-            found[image] = pycolmap.Camera(
-                model=pycolmap.CameraModelId(model),
-                width=width,
-                height=height,
-                params=np.frombuffer(params or b"", dtype="<f8"),
-            )
-        except (ValueError, TypeError):
+        whole = all(isinstance(value, int) and 0 <= value < 2**31 for value in (width, height))
+        if not whole or not isinstance(params, bytes) or len(params) % 8:
             continue
-    return {image: camera for image, camera in found.items() if camera.verify_params()}
+        values = np.frombuffer(params, dtype="<f8")
+        try:
+            kind = pycolmap.CameraModelId(model)
+            camera = pycolmap.Camera(model=kind, width=width, height=height, params=values)
+            good = camera.verify_params() and np.isfinite(values).all()
+        except (ValueError, TypeError):  # no model that it knows
+            continue
+        if good:
+            found[image] = camera
+    return found
 
 
 def _keypoints(connection: sqlite3.Connection, image: int) -> NDArray[np.float64]:
@@ -75,7 +82,9 @@ def _keypoints(connection: sqlite3.Connection, image: int) -> NDArray[np.float64
     row = connection.execute(
         "SELECT rows, cols, data FROM keypoints WHERE image_id = ?", (image,)
     ).fetchone()
-    if row is None or not row[2] or row[1] < 2 or len(row[2]) != 4 * row[0] * row[1]:
+    if row is None or not all(isinstance(value, int) and value > 0 for value in row[:2]):
+        return np.empty((0, 2))
+    if not isinstance(row[2], bytes) or row[1] < 2 or len(row[2]) != 4 * row[0] * row[1]:
         return np.empty((0, 2))
     table = np.frombuffer(row[2], dtype="<f4").reshape(row[0], row[1])
     return np.ascontiguousarray(table[:, :2], dtype=np.float64)
@@ -88,15 +97,24 @@ def _geometry(
     data, kind, *matrices = connection.execute(
         "SELECT data, config, F, E, H FROM two_view_geometries WHERE pair_id = ?", (pair_id,)
     ).fetchone()
-    if not data or len(data) % 8:
+    if not isinstance(data, bytes) or not data or len(data) % 8:
         return None
     matches = np.frombuffer(data, dtype="<u4").reshape(-1, 2)
     if (matches.max(axis=0) >= (size_1, size_2)).any():
         return None
+    known = {}
+    for name, blob in zip("FEH", matrices):
+        if isinstance(blob, bytes) and len(blob) == 72:
+            matrix = np.frombuffer(blob, dtype="<f8").reshape(3, 3)
+            if np.isfinite(matrix).all() and matrix.any():
+                known[name] = matrix
+    if _MATRIX_OF[kind] == "E" and "E" not in known:
+        kind = _UNCALIBRATED  # with F and the cameras it is as good
+    if _MATRIX_OF[kind] not in known:
+        return None
     geometry = pycolmap.TwoViewGeometry()
     geometry.config = pycolmap.TwoViewGeometryConfiguration(kind)
     geometry.inlier_matches = matches
-    for name, blob in zip("FEH", matrices):
-        if blob and len(blob) == 72:
-            setattr(geometry, name, np.frombuffer(blob, dtype="<f8").reshape(3, 3))
+    for name, matrix in known.items():
+        setattr(geometry, name, matrix)
     return geometry

@@ -4,18 +4,21 @@
     i j  qw qx qy qz       m lines, i < j: R_ij = R_j R_i^T
     qw qx qy qz            at least f lines: absolute rotations, of which the first f are fixed
 
-Their programs replace ids by their rank. Absolute rotations in a graph's file are not read; a
-solution is n lines qw qx qy qz, R_i = camera_from_world, in the order of the nodes: read, it has
-the ids 0 to n - 1.
+Their programs replace ids by their rank, so that the k-th absolute rotation is that of the node
+with the k-th lowest id. The fixed ones are kept beside the graph, as its `source`; the others are
+not read. A solution is n lines qw qx qy qz, R_i = camera_from_world, in the order of the nodes:
+read, it has the ids 0 to n - 1.
 There is no place for weights.
 """
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotavg.base.errors import FormatError
 from rotavg.graph.conventions import (
@@ -23,11 +26,25 @@ from rotavg.graph.conventions import (
     quaternions_from_matrices,
     wxyz_from_xyzw,
 )
+from rotavg.graph.ids import IdArray, as_edges, unique_ids
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, read_fields
 from rotavg.io.lines import check_finite, content_lines, exactly, number_table, shown
 from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
 from rotavg.io.rounding import quaternion_notes
+
+
+@dataclass(frozen=True, eq=False)
+class FixedRotations:
+    """What a file says is known: rotations (k, 3, 3) world_from_node of the nodes (k,)."""
+
+    nodes: IdArray
+    rotations: NDArray[np.float64]
+
+    def select(self, edges: NDArray[np.bool_]) -> FixedRotations:
+        """The same: they are of nodes."""
+        return self
+
 
 _ROTATION = ("qw", "qx", "qy", "qz")
 _ID = re.compile(rb"-?[0-9]{1,20}")
@@ -38,17 +55,17 @@ def read_irotavg(path: Path, data: bytes, options: ReadOptions) -> MeasurementGr
     content = content_lines(path, data)
     line, header = next(content, (1, b""))
     try:
-        m, _, _ = map(int, header.split())
+        m, _, f = map(int, header.split())
     except ValueError:
         found = f"found {shown(header.strip())}, expected three integers m n f"
         raise FormatError(found, path=path, line=line) from None
     ids: list[int] = []
     rows: list[bytes] = []
     lines: list[int] = []
-    further = 0
+    further: list[tuple[int, bytes]] = []
     for line, text in content:
         if len(rows) == m:
-            further += 1
+            further.append((line, text))
             continue
         fields = text.split(None, 2)
         if len(fields) < 3 or not all(map(_ID.fullmatch, fields[:2])):
@@ -61,19 +78,42 @@ def read_irotavg(path: Path, data: bytes, options: ReadOptions) -> MeasurementGr
         raise FormatError(f"found {len(rows)} relative rotations, expected m = {m}", path=path)
     table = number_table(path, rows, lines, 4)
     check_finite(path, table, lines)
+    notes = quaternion_notes(path, table, lines)
     with blame_line(path, lines):
+        edges = as_edges(np.array(ids, dtype=object).reshape(-1, 2))
+        fixed, more = _fixed(path, edges, further, f)
         return MeasurementGraph.from_quaternions(
-            np.array(ids, dtype=object).reshape(-1, 2),
-            table,
-            order="wxyz",
-            **options.of_graph,
-            notes=quaternion_notes(path, table, lines)
-            + ((f"{further} absolute rotations not read",) if further else ()),
+            edges, table, order="wxyz", **options.of_graph, notes=notes + more, source=fixed
         )
 
 
+def _fixed(
+    path: Path, edges: IdArray, rows: list[tuple[int, bytes]], f: int
+) -> tuple[FixedRotations | None, tuple[str, ...]]:
+    """The first f of the absolute rotations, and what to tell."""
+    nodes = unique_ids(edges)
+    if not 0 <= f <= len(nodes):
+        found = f"found f = {f} fixed rotations, expected 0 to {len(nodes)}, one for each node"
+        raise FormatError(found, path=path)
+    if len(rows) < f:
+        found = f"found {len(rows)} absolute rotations, expected f = {f} at least"
+        raise FormatError(found, path=path)
+    left = len(rows) - f
+    notes = (f"{left} absolute rotations that are not fixed not read",) if left else ()
+    if f == 0:
+        return None, notes
+    found_here = read_fields(path, ((line, row.split()) for line, row in rows[:f]), _ROTATION)
+    rotations = convert_family(found_here.rotations, IROTAVG.convention)
+    return FixedRotations(nodes[:f], rotations), found_here.notes + notes
+
+
 def read_irotavg_rotations(path: Path, data: bytes) -> AbsoluteRotations:
-    """Read a solution, camera_from_world; nodes are counted from 0."""
+    """Read a solution, camera_from_world, nodes counted from 0; or a graph's fixed rotations."""
+    if _looks_like_ours(data):
+        source = read_irotavg(path, data, ReadOptions(True, IROTAVG.convention, True)).source
+        if not isinstance(source, FixedRotations):
+            raise FormatError("the file has no fixed rotations (f = 0)", path=path)
+        return AbsoluteRotations(source.nodes, convert_family(source.rotations, "vision"))
     rows = ((line, text.split()) for line, text in content_lines(path, data))
     return read_fields(path, rows, _ROTATION)
 
