@@ -10,6 +10,7 @@
 #include <rotavg/graph/algebraic_connectivity.hpp>
 #include <rotavg/graph/breadth_first.hpp>
 #include <rotavg/graph/components.hpp>
+#include <rotavg/graph/laplacian.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 
 #include "support/dense.hpp"

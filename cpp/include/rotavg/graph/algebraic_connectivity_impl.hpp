@@ -23,22 +23,6 @@
 
 namespace rotavg {
 
-/// L X with L = D - W the scalar weighted graph Laplacian of one component.
-inline Eigen::MatrixXd apply_laplacian(const MeasurementGraph& graph, const Components& components,
-                                       Index component, const Eigen::MatrixXd& X) {
-  const auto& nodes = components.nodes[component];
-  Eigen::MatrixXd Y(X.rows(), X.cols());
-  for (std::size_t a = 0; a < nodes.size(); ++a) {
-    const auto row = static_cast<Eigen::Index>(a);
-    Y.row(row) = graph.degree(nodes[a]) * X.row(row);
-    for (const HalfEdge& h : graph.row(nodes[a])) {
-      const double weight = graph.edges()[h.edge()].weight;
-      Y.row(row) -= weight * X.row(components.row_in_component[h.node]);
-    }
-  }
-  return Y;
-}
-
 ROTAVG_INLINE double algebraic_connectivity(const MeasurementGraph& graph,
                                             const Components& components, Index component,
                                             const std::function<bool()>& keep_going) {

@@ -1,15 +1,35 @@
 #pragma once
 
+#include <cstddef>
+
 #include <Eigen/Core>
 
+#include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
+#include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
 
 namespace rotavg {
+
+/// L X with L = D - W the scalar weighted graph Laplacian of one component.
+inline Eigen::MatrixXd apply_laplacian(const MeasurementGraph& graph, const Components& components,
+                                       Index component, const Eigen::MatrixXd& X) {
+  const auto& nodes = components.nodes[component];
+  Eigen::MatrixXd Y(X.rows(), X.cols());
+  for (std::size_t a = 0; a < nodes.size(); ++a) {
+    const auto row = static_cast<Eigen::Index>(a);
+    Y.row(row) = graph.degree(nodes[a]) * X.row(row);
+    for (const HalfEdge& h : graph.row(nodes[a])) {
+      const double weight = graph.edges()[h.edge()].weight;
+      Y.row(row) -= weight * X.row(components.row_in_component[h.node]);
+    }
+  }
+  return Y;
+}
 
 /// L of one component without the nodes that the elimination skips: positive definite if that is at
 /// least one.

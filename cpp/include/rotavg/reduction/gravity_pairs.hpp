@@ -2,6 +2,8 @@
 
 #include <vector>
 
+#include <Eigen/Geometry>
+
 #include <rotavg/types.hpp>
 
 namespace rotavg {
@@ -14,11 +16,13 @@ struct GravityPairs {
 
   /// What a pair costs at any rotation, 8 w.
   /// @param e residual quaternion of its first edge
-  static double constant(const Vector4& e) { return 8.0 * e.squaredNorm(); }
+  static double constant(const Eigen::Vector4d& e) { return 8.0 * e.squaredNorm(); }
   /// What the pair costs besides. The residual quaternion of the second edge is that of the first,
   /// e = (v, s), times a half turn about g: |v'|^2 = s^2 + |v|^2 - (v . g)^2, so that
   /// 8 |v|^2 + 8 |v'|^2 - 8 w = 8 |v x g|^2.
-  double cost(const Vector4& e) const { return 8.0 * e.head<3>().cross(down).squaredNorm(); }
+  double cost(const Eigen::Vector4d& e) const {
+    return 8.0 * e.head<3>().cross(down).squaredNorm();
+  }
 };
 
 }  // namespace rotavg
