@@ -353,7 +353,7 @@ TEST_CASE("wrong priors do not tilt the world: a loss on gravity and absolute ro
   CHECK(tilt(solve_robust(graph, priors, {}, robust).rotations) > 0.05);
   for (const Loss kind : {Loss::automatic, Loss::l1, Loss::geman_mcclure, Loss::tls}) {
     CAPTURE(static_cast<int>(kind));
-    robust = {};
+    robust = RobustOptions{};
     robust.loss = kind;
     const RobustSolution solution = solve_robust(graph, priors, {}, robust);
     CHECK(tilt(solution.rotations) < 0.03);

@@ -17,6 +17,11 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.priors import Priors
 from rotavg.solving import options
 
+# Above this share of cycles, what least squares leave of an edge's noise is nearly all of it; with
+# more edges, finding how much would take too long.
+_MUCH_CHECKED, _MANY_EDGES = 0.8, 20_000
+_LEAST_REDUNDANCY = 1e-6  # below, rounding is seen
+
 Loss = Literal["l2", "auto", "huber", "l1", "l_half", "cauchy", "geman_mcclure", "tls"]
 
 
@@ -244,19 +249,32 @@ def bridges(graph: MeasurementGraph) -> NDArray[np.bool_]:
     return read_only(_core.bridges(graph._core))
 
 
-def contamination_of(graph: MeasurementGraph, angles: NDArray[np.float64]) -> str | None:
-    """The same for the residual angles (m,) of the edges of a graph, as its cycles check them.
+def contamination_of(
+    graph: MeasurementGraph, rotations: NDArray[np.float64], angles: NDArray[np.float64]
+) -> str | None:
+    """The same for the residual angles (m,) that least squares leave, as cycles check them.
 
     Bridges say nothing. Edges in series, which lie on the same cycles, say together one thing: the
-    sum of their angles, of the variance of all of them.
+    sum of their angles, of the variance of all of them. And of a graph that has few cycles every
+    series is judged in units of what least squares leave of its noise: heavy edges are met nearly
+    exactly where light ones can bend.
     """
-    label, _ = _core.series(graph._core)
+    label, cycles = _core.series(graph._core)
     checked = label >= 0
     if not checked.any():
         return None
     variances = np.median(graph.weights) / graph.weights
     total = np.bincount(label[checked], angles[checked])
     variance = np.bincount(label[checked], variances[checked])
+    if cycles < _MUCH_CHECKED * len(total) and graph.num_edges <= _MANY_EDGES:
+        left = _core.covariances(
+            graph._core, rotations, graph.indices, noise_variance=1.0, information=None,
+            num_threads=1,
+        )  # fmt: skip
+        if left is not None:
+            fitted = graph.weights * np.trace(left, axis1=1, axis2=2) / 3
+            redundancy = np.bincount(label[checked], 1 - fitted[checked])
+            variance *= np.clip(redundancy, _LEAST_REDUNDANCY, 1)
     return _advice(total / np.sqrt(variance), float(np.mean(angles[checked] > np.pi / 2)))
 
 

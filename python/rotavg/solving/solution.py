@@ -208,7 +208,7 @@ class Solution(NodeMapping):
             rows += self.robust.rows(self.num_components)
         # Residuals on the way to the answer say nothing of the measurements.
         elif self.status.converged and (
-            advice := contamination_of(self.graph, self.residual_angles)
+            advice := contamination_of(self.graph, self.rotations, self.residual_angles)
         ):
             rows.append(("outliers?", advice))
         return rows
