@@ -10,6 +10,9 @@
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// What the neighbours of an edge's ends say of it, apart from what it says itself.
@@ -114,3 +117,5 @@ class Neighbourhoods {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

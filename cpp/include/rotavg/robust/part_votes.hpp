@@ -10,6 +10,9 @@
 #include <rotavg/robust/votes.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Lets whole parts vote as take_votes() lets nodes: where a street joins the next by three edges
@@ -60,3 +63,5 @@ inline Index take_part_votes(const MeasurementGraph& graph, const std::vector<do
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

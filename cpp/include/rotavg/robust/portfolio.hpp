@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -17,6 +18,9 @@
 #include <rotavg/robust/stories.hpp>
 #include <rotavg/robust/votes.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// An answer that a start has led to.
@@ -29,10 +33,12 @@ struct Story {
 
 /// What a portfolio of starts has found.
 struct Portfolio {
-  std::vector<Story> stories;  ///< all that differ, the best first
-  Index tried = 1;             ///< starts
-  bool replaced = false;       ///< the best is not the one that least squares and l1 had found
-  std::vector<Alternative> alternatives;  ///< to the best, that the evidence does not rule out
+  Story best;
+  bool replaced = false;  ///< by another than the given one
+  std::vector<Story> alternatives;  ///< that differ, and that the evidence does not rule out
+  std::optional<Evidence> evidence;  ///< if any was needed
+  Index tried = 1;                  ///< starts
+  Index different = 1;              ///< different answers to which they led
 };
 
 namespace detail {
@@ -77,7 +83,8 @@ inline Story polished(RobustRun& run, const MeasurementGraph& graph,
 ///    it where hardly any of the strongest edges contradicts (Evidence).
 /// 2. The maximum spanning tree by strength, weight times overlap (Neighbourhoods), is polished. If
 ///    it tells the same story, that is it.
-/// 3. Else trees by overlap alone, by both, and by weight alone, if the weights differ.
+/// 3. While the evidence is not clear, trees by overlap alone and, if the weights differ, by both
+///    and by weight alone.
 /// 4. All are compared at one scale, the noise of the first. A later one takes its place where the
 ///    voices of the strongest edges clearly prefer it; what they do not rule out is an alternative.
 ///
@@ -86,8 +93,7 @@ inline Story polished(RobustRun& run, const MeasurementGraph& graph,
 inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, double loss_noises,
                               Rotations R, double noise) {
   constexpr double contradicted = 16.0, clear_edges = 0.01, clear_voices = 0.01;
-  constexpr double clearly = 2.0, ruled_out = 5.0;
-  constexpr double least_step = 0.05, step_noises = 6.0;
+  constexpr double beyond_doubt = 5.0, few_cameras = 0.02;
   const std::size_t m = graph.edges().size();
   const auto go_on = run.keep_going();
   Portfolio portfolio;
@@ -102,7 +108,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   };
   units_of(stories[0]);
   const auto finish = [&] {
-    portfolio.stories = std::move(stories);
+    portfolio.best = std::move(stories[0]);
     return std::move(portfolio);
   };
 
@@ -116,56 +122,73 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   std::vector<double> strength = weights;
   for (std::size_t k = 0; k < m; ++k) strength[k] *= overlap[k];
   const Evidence evidence(graph, strength);
+  portfolio.evidence = evidence;
   double voices = 0.0;
-  against = 0.0;
-  for (std::size_t k = 0; k < m; ++k) {
-    voices += evidence.voices()[k];
-    if (stories[0].x[k] > contradicted) against += evidence.voices()[k];
-  }
-  if (against <= clear_voices * voices) return finish();
+  for (const double v : evidence.voices()) voices += v;
+  const auto contradicts = [&](const Story& story) {
+    double against_it = 0.0;
+    for (std::size_t k = 0; k < m; ++k) {
+      if (story.x[k] > contradicted) against_it += evidence.voices()[k];
+    }
+    return against_it > clear_voices * voices;
+  };
+  if (!contradicts(stories[0])) return finish();
 
   // 2. and 3.
   std::vector<double> ballots = evidence.voices();  // a node without a strong edge votes, too
   for (double& ballot : ballots) ballot = 0.5 * ballot + 1e-3;
-  const double tolerance = std::max(least_step, step_noises * noise);
+  const double tolerance = step_tolerance(noise);
+  std::size_t best = 0;
   const auto differ = [&](const Story& a, const Story& b) {
     const auto group = shared_groups(graph, a.rotations, b.rotations, tolerance);
-    return std::any_of(group.begin(), group.end(), [](Index g) { return g > 0; });
+    return std::count(group.begin(), group.end(), 0) <
+           static_cast<std::ptrdiff_t>((1.0 - few_cameras) * static_cast<double>(group.size()));
+  };
+  const auto doubtful = [&] {
+    if (!go_on() || run.ended() != Status::not_run) return false;
+    if (portfolio.replaced && portfolio.tried < 3 && contradicts(stories[best])) return true;
+    for (std::size_t k = 0; k < stories.size(); ++k) {
+      if (k == best) continue;
+      if (evidence.compare(stories[best].x, stories[k].x).lead() <= beyond_doubt) return true;
+    }
+    return false;
   };
   const auto attempt = [&](const char* start, const std::vector<double>& key) {
-    if (!go_on() || run.ended() != Status::not_run) return false;
     ++portfolio.tried;
     Story story = detail::polished(run, graph, ballots, loss_noises, start,
                                    along_spanning_tree(graph, key));
     units_of(story);
-    for (const Story& other : stories) {
-      if (!differ(story, other)) return false;
+    const bool better = evidence.compare(story.x, stories[best].x).clear();
+    bool same = false;
+    for (const Story& other : stories) same = same || !differ(story, other);
+    if (same && !better) return;
+    if (better) {
+      best = stories.size();
+      portfolio.replaced = true;
     }
     stories.push_back(std::move(story));
-    return true;
   };
-  if (!attempt("the tree by weight and overlap", strength)) return finish();
-  const std::vector<double> second = neighbourhoods.overlap(overlap);
-  for (std::size_t k = 0; k < m; ++k) strength[k] *= second[k];
-  attempt("the tree by overlap", second);
-  attempt("the tree by weight and overlap twice", strength);
-  if (graph.max_weight() > graph.min_weight()) attempt("the tree by weight", weights);
+  attempt("the tree by weight and overlap", strength);
+  if (doubtful()) {
+    const std::vector<double> second = neighbourhoods.overlap(overlap);
+    attempt("the tree by overlap", second);
+    for (std::size_t k = 0; k < m; ++k) strength[k] *= second[k];
+    const bool uneven = graph.max_weight() > graph.min_weight();
+    if (uneven && doubtful()) attempt("the tree by weight and overlap twice", strength);
+    if (uneven && doubtful()) attempt("the tree by weight", weights);
+  }
 
   // 4.
-  std::size_t best = 0;
-  for (std::size_t k = 1; k < stories.size(); ++k) {
-    if (evidence.compare(stories[k].x, stories[best].x).lead() > clearly) best = k;
-  }
-  portfolio.replaced = best > 0;
   std::swap(stories[0], stories[best]);
   for (std::size_t k = 1; k < stories.size(); ++k) {
-    const Evidence::Comparison c = evidence.compare(stories[0].x, stories[k].x);
-    if (c.lead() > ruled_out) continue;
-    portfolio.alternatives.push_back(alternative_story(
-        graph, evidence, stories[0].rotations, stories[0].x, stories[k].rotations, stories[k].x,
-        shared_groups(graph, stories[0].rotations, stories[k].rotations, tolerance)));
+    if (!differ(stories[0], stories[k])) continue;
+    ++portfolio.different;
+    if (evidence.rules_out_other(stories[0].x, stories[k].x)) continue;
+    portfolio.alternatives.push_back(std::move(stories[k]));
   }
   return finish();
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

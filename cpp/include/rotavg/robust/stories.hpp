@@ -13,6 +13,9 @@
 #include <rotavg/robust/verdicts.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The edges between two groups of cameras that two answers place differently.
@@ -30,9 +33,8 @@ struct Alternative {
   std::vector<Index> group;  ///< (n,) groups that both answers share; 0 is the largest
   Evidence::Comparison evidence;  ///< of the answer against this one
   std::vector<Bundle> bundles;    ///< the heaviest first
-  /// Of the pairs of cameras that have a common neighbour across the edges which only this answer
-  /// explains, the share that match; and of those across the edges which only the other explains.
-  double closure = 0.0, answer_closure = 0.0;
+  double closure = 0.0;         ///< Evidence::closure of the edges that only this one explains
+  double answer_closure = 0.0;  ///< and of those that only the answer explains
   /// Some of the pairs that ought to match if this were true and do not.
   std::vector<std::pair<Index, Index>> missing;
 
@@ -50,6 +52,12 @@ inline double squared_chord(const Matrix3& A, const Matrix3& B) {
 }
 
 }  // namespace detail
+
+/// A step between two answers that noise does not make: a chord, radians.
+inline double step_tolerance(double noise) {
+  constexpr double least = 0.05, noises = 6.0;
+  return std::max(least, noises * noise);
+}
 
 /// The groups (n,) of cameras that two answers place alike: what the relative rotation of an
 /// answer to the other, R_i S_i^T, holds together over the edges, and what agrees with the largest
@@ -87,21 +95,19 @@ inline std::vector<Index> shared_groups(const MeasurementGraph& graph, const Rot
 ///
 /// @param x, other_x squared residuals (m,) of the two, in units of the noise
 /// @param group as of shared_groups
-inline Alternative alternative_story(const MeasurementGraph& graph, const Evidence& evidence,
-                                     const Rotations& R, const std::vector<double>& x, Rotations S,
+inline Alternative alternative_story(const MeasurementGraph& graph, const Rotations& R,
+                                     const std::vector<double>& x, Rotations S,
                                      const std::vector<double>& other_x,
                                      std::vector<Index> group) {
   constexpr double most = 16.0;
   constexpr std::size_t most_missing = 16, most_bundles = 8;
-  constexpr Index most_looked_at = 400;
   Alternative story;
-  story.evidence = evidence.compare(x, other_x);
   const auto reference = std::find(group.begin(), group.end(), 0) - group.begin();
   const Matrix3 gauge = R[reference] * S[reference].transpose();
   for (Matrix3& rotation : S) rotation = gauge * rotation;
 
   std::map<std::pair<Index, Index>, Bundle> bundles;
-  std::vector<Index> mine, others;
+  std::vector<Index> only_other;
   for (Index k = 0; k < graph.num_edges(); ++k) {
     const Edge& e = graph.edges()[k];
     if (group[e.i] == group[e.j]) continue;
@@ -113,7 +119,7 @@ inline Alternative alternative_story(const MeasurementGraph& graph, const Eviden
     bundle.other_group = ends.second;
     (gain > 0.0 ? bundle.edges : bundle.alternative_edges) += 1;
     (gain > 0.0 ? bundle.weight : bundle.alternative_weight) += e.weight;
-    (gain > 0.0 ? mine : others).push_back(k);
+    if (gain < 0.0) only_other.push_back(k);
   }
   for (const auto& [ends, bundle] : bundles) story.bundles.push_back(bundle);
   std::stable_sort(story.bundles.begin(), story.bundles.end(), [](const Bundle& a, const Bundle& b) {
@@ -121,35 +127,24 @@ inline Alternative alternative_story(const MeasurementGraph& graph, const Eviden
   });
   if (story.bundles.size() > most_bundles) story.bundles.resize(most_bundles);
 
-  // Of an edge i j that only one explains: do the neighbours of i match j?
-  std::vector<bool> at_j(graph.num_nodes(), false);
-  const auto closure = [&](const std::vector<Index>& edges,
-                           std::vector<std::pair<Index, Index>>* missing) {
-    Index closed = 0, open = 0;
-    const auto stride = 1 + static_cast<Index>(edges.size()) / most_looked_at;
-    for (std::size_t q = 0; q < edges.size(); q += stride) {
-      const Edge& e = graph.edges()[edges[q]];
-      for (const HalfEdge& h : graph.row(e.j)) at_j[h.node] = true;
-      for (const HalfEdge& h : graph.row(e.i)) {
-        if (h.node == e.j || group[h.node] != group[e.i]) continue;
-        (at_j[h.node] ? closed : open) += 1;
-        if (missing != nullptr && !at_j[h.node] && missing->size() < most_missing) {
-          const std::pair<Index, Index> pair(std::min(h.node, e.j), std::max(h.node, e.j));
-          if (std::find(missing->begin(), missing->end(), pair) == missing->end()) {
-            missing->push_back(pair);
-            break;  // one of each edge
-          }
-        }
-      }
-      for (const HalfEdge& h : graph.row(e.j)) at_j[h.node] = false;
+  // Of an edge i j that only the other explains: which neighbours of i do not match j?
+  std::vector<bool> near(graph.num_nodes(), false);
+  for (const Index k : only_other) {
+    if (story.missing.size() == most_missing) break;
+    const Edge& e = graph.edges()[k];
+    for (const HalfEdge& h : graph.row(e.j)) near[h.node] = true;
+    for (const HalfEdge& h : graph.row(e.i)) {
+      if (near[h.node] || h.node == e.j || group[h.node] != group[e.i]) continue;
+      story.missing.emplace_back(h.node, e.j);
+      break;  // one of each edge
     }
-    return closed + open > 0 ? static_cast<double>(closed) / (closed + open) : 0.0;
-  };
-  story.closure = closure(others, &story.missing);
-  story.answer_closure = closure(mine, nullptr);
+    for (const HalfEdge& h : graph.row(e.j)) near[h.node] = false;
+  }
   story.rotations = std::move(S);
   story.group = std::move(group);
   return story;
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop
