@@ -46,6 +46,7 @@ struct Names<rotavg::Initialization> {
       {rotavg::Initialization::automatic, "auto"},
       {rotavg::Initialization::shortest_path, "shortest_path"},
       {rotavg::Initialization::spanning_tree, "spanning_tree"},
+      {rotavg::Initialization::maximum_spanning_tree, "maximum_spanning_tree"},
       {rotavg::Initialization::chordal, "chordal"},
       {rotavg::Initialization::quaternion, "quaternion"},
       {rotavg::Initialization::random, "random"}};

@@ -22,7 +22,9 @@ def test_noiseless_graphs_are_solved_by_the_shortest_path_start() -> None:
         assert solution.certificate.verdict == "proved", kind
 
 
-@pytest.mark.parametrize("init", ["shortest_path", "spanning_tree", "chordal", "quaternion"])
+@pytest.mark.parametrize(
+    "init", ["shortest_path", "spanning_tree", "maximum_spanning_tree", "chordal", "quaternion"]
+)
 def test_an_initial_value_is_exact_without_noise_and_leads_to_the_optimum_with(init: str) -> None:
     for kind in ("complete", "cycle", "grid", "sphere", "band"):
         exact = rotavg.solve(rotavg.simulate(kind, 60, seed=3).graph, init=init, max_iterations=0)  # type: ignore[arg-type]

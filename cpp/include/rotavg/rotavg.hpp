@@ -36,6 +36,7 @@
 #include <rotavg/graph/series.hpp>
 #include <rotavg/init/chordal.hpp>
 #include <rotavg/init/edge_support.hpp>
+#include <rotavg/init/maximum_spanning_tree.hpp>
 #include <rotavg/init/quaternion.hpp>
 #include <rotavg/init/random.hpp>
 #include <rotavg/init/shortest_path.hpp>

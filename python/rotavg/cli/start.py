@@ -16,7 +16,15 @@ from rotavg.graph.ids import rows_of
 from rotavg.io import read_rotations
 from rotavg.solving.warm_start import warm_start
 
-_NAMES = ("auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random")
+_NAMES = (
+    "auto",
+    "shortest_path",
+    "spanning_tree",
+    "maximum_spanning_tree",
+    "chordal",
+    "quaternion",
+    "random",
+)
 
 
 class NameOrFile(click.Choice):  # type: ignore[type-arg]

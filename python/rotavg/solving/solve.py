@@ -24,7 +24,15 @@ from rotavg.solving.status import Status, Timings, Trace
 from rotavg.solving.warm_start import warm_start
 
 Method = Literal["auto", "bcd", "sum", "newton", "staircase", "bcdsr"]
-Init = Literal["auto", "shortest_path", "spanning_tree", "chordal", "quaternion", "random"]
+Init = Literal[
+    "auto",
+    "shortest_path",
+    "spanning_tree",
+    "maximum_spanning_tree",
+    "chordal",
+    "quaternion",
+    "random",
+]
 Stop = Literal["gradient", "step"]
 Mu = Literal["adaptive", "min_eigenvalue"]
 WeightKind = Literal["auto", "precision", "frequency"]
@@ -83,7 +91,8 @@ def solve(
             watches and chooses, and climbs the staircase where an answer is refuted.
         init: the initial value: "shortest_path" (Lemma 3), "spanning_tree" (along the edges that
             agree best with the triangles around them, after Enqvist, Kahl and Olsson 2011: the one
-            for outliers), "chordal" (the linear relaxation of Martinec and Pajdla 2007),
+            for random outliers), "maximum_spanning_tree" (along the edges with the largest weights:
+            the one for repeated structure, where weights are matches), "chordal" (the linear relaxation of Martinec and Pajdla 2007),
             "quaternion" (that of Govindu 2001: nearer the optimum where the noise is small, worse
             where there are outliers), "random", rotations (n, 3, 3) world_from_node to start from,
             the Solution of another graph, one that had fewer or more nodes and edges (a warm start:

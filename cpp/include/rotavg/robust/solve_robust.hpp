@@ -7,6 +7,7 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/robust/edge_knowledge.hpp>
 #include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/stories.hpp>
 #include <rotavg/robust/verdicts.hpp>
 #include <rotavg/solve/solution.hpp>
 #include <rotavg/types.hpp>
@@ -49,11 +50,13 @@ struct RobustSolution : Solution {
   EdgeVerdicts verdicts;
   PriorVerdicts absolute, gravity;  ///< empty without priors
   Index moved_by_votes = 0;
+  /// Other answers that the evidence does not rule out (find_stories); of the loss automatic alone.
+  std::vector<Alternative> alternatives;
 };
 
 /// Finds rotations that fit most measurements, whatever the others say, and what it thinks of each.
 ///
-/// Bridges, which no cycle checks, are left aside until step 5, and met exactly.
+/// Bridges, which no cycle checks, are left aside until step 6, and met exactly.
 ///
 /// 1. Least squares, roughly, and from there the loss l1: robust and nearly convex, so that the
 ///    start matters little. Every edge has one voice so far, unless weights are frequencies.
@@ -63,7 +66,9 @@ struct RobustSolution : Solution {
 /// 4. The loss, by reweighting; of a bounded one by graduated non-convexity first. If the objective
 ///    was lower anywhere before, it goes on from there. The trace is that of this stage, from where
 ///    the loss is at its scale: its objective never rises.
-/// 5. The weights are held, and the weighted problem is solved and certified. What is proved is
+/// 5. Where many strong edges contradict, the loss automatic compares what it has found with where
+///    other starts lead (find_stories), and goes on from there if they speak for it.
+/// 6. The weights are held, and the weighted problem is solved and certified. What is proved is
 ///    that no rotations have a smaller weighted sum of squares, not that no others have a smaller
 ///    robust objective or better weights.
 ///

@@ -20,9 +20,11 @@
 #include <rotavg/robust/default_scale.hpp>
 #include <rotavg/robust/edge_knowledge.hpp>
 #include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/portfolio.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/run.hpp>
 #include <rotavg/robust/solve_robust.hpp>
+#include <rotavg/robust/stories.hpp>
 #include <rotavg/robust/verdicts.hpp>
 #include <rotavg/solve/solve.hpp>
 #include <rotavg/solve/stopwatch.hpp>
@@ -44,6 +46,49 @@ inline std::string describe(const RobustLoss& loss, int l1_reweightings, Index m
        << l1_reweightings << " of l1 and " << moved << (moved == 1 ? " node" : " nodes")
        << " moved by votes";
   return text.str();
+}
+
+/// What other starts led to, in words; empty if none was tried.
+inline std::string describe(const Portfolio& portfolio) {
+  if (portfolio.tried <= 1) return "";
+  std::ostringstream text;
+  text << "; " << portfolio.tried << " starts led to ";
+  if (portfolio.different == 1) {
+    text << "one answer";
+  } else {
+    text << portfolio.different << " answers, and the strongest edges chose "
+         << (portfolio.replaced ? "that of " : "") << portfolio.best.start;
+  }
+  return text.str();
+}
+
+/// The alternatives on the whole graph, told by residuals at one scale.
+///
+/// @param R the answer
+inline std::vector<Alternative> told(const MeasurementGraph& graph, const CheckedPart& part,
+                                     const Portfolio& portfolio, const Rotations& R, double noise,
+                                     const std::vector<double>& precision, int num_threads) {
+  const auto residuals_at = [&](const Rotations& rotations) {
+    std::vector<double> x;
+    squared_residuals(ResidualQuaternions(graph, to_quaternions(rotations), num_threads), x);
+    for (std::size_t k = 0; k < x.size(); ++k) x[k] *= precision_of(precision, k) / (noise * noise);
+    return x;
+  };
+  const std::vector<double> x = residuals_at(R);
+  std::vector<Alternative> alternatives;
+  for (const Story& story : portfolio.alternatives) {
+    Rotations S = part.extended(story.rotations);
+    const std::vector<double> other_x = residuals_at(S);
+    auto group = shared_groups(graph, R, S, step_tolerance(noise));
+    if (std::all_of(group.begin(), group.end(), [](Index g) { return g == 0; })) continue;
+    alternatives.push_back(
+        alternative_story(graph, R, x, std::move(S), other_x, std::move(group)));
+    Alternative& told = alternatives.back();
+    told.evidence = portfolio.evidence->compare(part.of_edges(x), part.of_edges(other_x));
+    told.closure = portfolio.evidence->closure(told.evidence.only_other);
+    told.answer_closure = portfolio.evidence->closure(told.evidence.only_first);
+  }
+  return alternatives;
 }
 
 /// (m,) edges that the cycle check leaves out: none that is trusted.
@@ -109,7 +154,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
 
   // 2. and 3.
   Consensus consensus = find_consensus(run, part.graph(), std::move(R));
-  const double noise = consensus.noise;
+  double noise = consensus.noise;
   const Index moved = consensus.moved;
   R = std::move(consensus.rotations);
   starts.push_back(R);
@@ -130,9 +175,22 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
     IterationResult second = settle(other);
     if (second.objective < reweighted.objective) reweighted = std::move(second);
   }
-  const double reweighting_seconds = run.seconds() - prepared;
 
   // 5.
+  Portfolio portfolio;
+  if (robust.loss == Loss::automatic && options.init == Initialization::automatic && !start &&
+      go_on()) {
+    const double loss_noises = default_scale(loss.kind, part.series().freedom());
+    portfolio = find_stories(run, part.graph(), loss_noises, reweighted.rotations, noise);
+    if (portfolio.replaced) {
+      noise = portfolio.best.noise;
+      if (robust.scale == 0.0) loss.scale = loss_noises * noise;
+      reweighted = settle(portfolio.best.rotations);
+    }
+  }
+  const double reweighting_seconds = run.seconds() - prepared;
+
+  // 6.
   R = part.extended(reweighted.rotations);
   std::vector<double> x, weights;
   const auto update_residuals = [&] {
@@ -156,10 +214,15 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   solution.timings.init += prepared;
   solution.timings.solve += reweighting_seconds;
   solution.reason = detail::describe(loss, l1.iterations, moved, reweighted.iterations) +
+                    detail::describe(portfolio) +
                     (solution.reason.empty() ? "" : "; then " + solution.reason);
 
   R = solution.rotations;
   update_residuals();
+  if (!portfolio.alternatives.empty()) {
+    solution.alternatives = detail::told(
+        weighted, part, portfolio, R, noise, units.precision, run.num_threads());
+  }
   solution.moved_by_votes = moved;
   solution.edge_weights = std::move(weights);
   solution.robust_objective = robust_objective(given, x, loss, units.precision, run.num_threads());

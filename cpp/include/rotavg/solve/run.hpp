@@ -14,6 +14,7 @@
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/init/chordal.hpp>
+#include <rotavg/init/maximum_spanning_tree.hpp>
 #include <rotavg/init/quaternion.hpp>
 #include <rotavg/init/random.hpp>
 #include <rotavg/init/shortest_path.hpp>
@@ -105,6 +106,8 @@ class SolveRun {
     switch (init) {
       case Initialization::spanning_tree:
         return spanning_tree_init(graph_, keep_going_);
+      case Initialization::maximum_spanning_tree:
+        return maximum_spanning_tree_init(graph_);
       case Initialization::random:
         return random_init(graph_, options_.seed);
       case Initialization::chordal:

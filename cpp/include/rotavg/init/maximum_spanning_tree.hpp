@@ -1,0 +1,61 @@
+#pragma once
+
+#include <queue>
+#include <tuple>
+#include <vector>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/init/shortest_path.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// Products of the measurements along the spanning tree whose edges have the largest keys, R = I at
+/// the first node of every component. Exact without noise.
+///
+/// Prim's algorithm: the tree takes the edge with the largest key of those that leave it; among
+/// equals the one that leaves it nearest to the root, then the first. Where all keys are equal,
+/// this is a tree of shortest paths.
+///
+/// @param key (m,) how good the edges are, no NaN
+inline Rotations along_spanning_tree(const MeasurementGraph& graph,
+                                     const std::vector<double>& key) {
+  Rotations R(static_cast<std::size_t>(graph.num_nodes()), Matrix3::Identity());
+  std::vector<Index> depth(R.size(), -1);
+  // The key, and then, as the largest comes first, minus the depth and minus the edge.
+  using Candidate = std::tuple<double, Index, Index>;
+  std::priority_queue<Candidate> leaving;
+  for (Index root = 0; root < graph.num_nodes(); ++root) {
+    if (depth[root] >= 0) continue;
+    depth[root] = 0;
+    for (Index newest = root; newest >= 0;) {
+      for (const HalfEdge& h : graph.row(newest)) {
+        if (depth[h.node] < 0) leaving.emplace(key[h.edge()], -depth[newest], -h.edge());
+      }
+      newest = -1;
+      while (newest < 0 && !leaving.empty()) {
+        const Edge& e = graph.edges()[-std::get<2>(leaving.top())];
+        leaving.pop();
+        if (depth[e.i] >= 0 && depth[e.j] >= 0) continue;
+        newest = depth[e.i] < 0 ? e.i : e.j;
+        const Index parent = depth[e.i] < 0 ? e.j : e.i;
+        depth[newest] = depth[parent] + 1;
+        R[newest] = along_edge(e, R[parent], newest);
+      }
+    }
+  }
+  return R;
+}
+
+/// The maximum-spanning-tree start: along the tree with the largest weights. Where weights are
+/// numbers of matches and no edge is wrong at random, it leaves out repeated structure: what only
+/// looks alike shares fewer matches than what is seen twice. A single random edge of great weight
+/// ruins it.
+inline Rotations maximum_spanning_tree_init(const MeasurementGraph& graph) {
+  std::vector<double> weights;
+  weights.reserve(graph.edges().size());
+  for (const Edge& e : graph.edges()) weights.push_back(e.weight);
+  return along_spanning_tree(graph, weights);
+}
+
+}  // namespace rotavg

@@ -1,0 +1,133 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+#include <vector>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+/// Which of two answers the edges speak for.
+///
+/// Edges that agree on a wrong answer are no independent witnesses: one facade that looks like
+/// another makes hundreds of them. So their number says little. What says more is that a camera's
+/// nearest neighbours, with whom it shares most, are hardly ever confused: what only looks alike
+/// shares less. Every camera therefore has eight voices, which its eight strongest edges have, and
+/// all voices count the same. Strength is weight times overlap (Neighbourhoods), so that edges that
+/// are wrong at random, whatever their weight, have none.
+class Evidence {
+ public:
+  /// What two answers explain that the other one does not.
+  class Comparison {
+   public:
+    std::vector<Index> only_first, only_other;  ///< edges
+    double voices = 0.0, other_voices = 0.0;    ///< theirs
+
+    Index edges() const { return static_cast<Index>(only_first.size()); }
+    Index other_edges() const { return static_cast<Index>(only_other.size()); }
+
+    /// By how many standard deviations of chance the voices prefer the first,
+    double lead() const { return lead(voices, other_voices); }
+    /// and by how many all edges do.
+    double lead_in_number() const { return lead(edges(), other_edges()); }
+    /// Whether the first is the better one: the voices, or they and the number together, are
+    /// nothing that chance makes.
+    bool clear() const {
+      constexpr double chance = 3.0, tendency = 1.5;
+      return lead() > chance || (lead() > tendency && lead_in_number() > chance);
+    }
+
+   private:
+    static double lead(double a, double b) { return a + b > 0.0 ? (a - b) / std::sqrt(a + b) : 0.0; }
+  };
+
+  /// @param graph must outlive this object
+  /// @param strength (m,) of the edges
+  Evidence(const MeasurementGraph& graph, const std::vector<double>& strength)
+      : graph_(&graph),
+        voices_(strength.size(), 0.0),
+        uneven_(graph.max_weight() > graph.min_weight()) {
+    constexpr std::ptrdiff_t voices_of_a_camera = 8;
+    std::vector<std::pair<double, Index>> strongest;
+    for (Index l = 0; l < graph.num_nodes(); ++l) {
+      strongest.clear();
+      for (const HalfEdge& h : graph.row(l)) strongest.emplace_back(-strength[h.edge()], h.edge());
+      const auto count =
+          std::min<std::ptrdiff_t>(voices_of_a_camera, static_cast<std::ptrdiff_t>(strongest.size()));
+      std::partial_sort(strongest.begin(), strongest.begin() + count, strongest.end());
+      for (std::ptrdiff_t k = 0; k < count; ++k) voices_[strongest[k].second] += 1.0;
+    }
+  }
+
+  /// (m,) how many voices every edge has: 0, 1 or 2.
+  const std::vector<double>& voices() const { return voices_; }
+
+  /// Of the pairs of cameras that have a common neighbour across the given edges, the share that
+  /// match. True neighbours share theirs; of cameras that see two copies of one thing, only those
+  /// match that see it from the same side.
+  double closure(const std::vector<Index>& edges) const {
+    constexpr std::size_t most_edges = 400;
+    const std::size_t stride = 1 + edges.size() / most_edges;
+    std::vector<bool> near(static_cast<std::size_t>(graph_->num_nodes()), false);
+    Index closed = 0, pairs = 0;
+    for (std::size_t k = 0; k < edges.size(); k += stride) {
+      const Edge& e = graph_->edges()[edges[k]];
+      for (const HalfEdge& h : graph_->row(e.j)) near[h.node] = true;
+      for (const HalfEdge& h : graph_->row(e.i)) {
+        if (h.node == e.j) continue;
+        ++pairs;
+        closed += near[h.node];
+      }
+      for (const HalfEdge& h : graph_->row(e.j)) near[h.node] = false;
+    }
+    return pairs > 0 ? static_cast<double>(closed) / pairs : 0.0;
+  }
+
+  /// Whether there is no doubt that the first of two answers is the better one.
+  ///
+  /// Where the other explains many edges that the first does not, one cause makes them all, and
+  /// either answer may be the folded one. Then the voices must be all but unanimous, and the weights
+  /// bear them out; without weights, the pairs that ought to match and do not. Where it explains
+  /// few, chance is the other cause, and the voices decide by their number.
+  bool rules_out_other(const std::vector<double>& x, const std::vector<double>& other) const {
+    constexpr double many_edges = 0.02, chance = 3.0, clear = 5.0, dissent = 0.03, less = 0.7;
+    const Comparison c = compare(x, other);
+    if (c.other_edges() < many_edges * static_cast<double>(voices_.size())) return c.lead() > chance;
+    if (c.lead() <= clear || c.other_voices > dissent * c.voices) return false;
+    return uneven_ || closure(c.only_other) < less * closure(c.only_first);
+  }
+
+  /// @param x, other squared residuals (m,) in units of the noise: an edge is explained by an answer
+  ///        if they are clearly smaller, by half of the sixteen up to which they count
+  Comparison compare(const std::vector<double>& x, const std::vector<double>& other) const {
+    constexpr double most = 16.0;
+    Comparison c;
+    for (std::size_t k = 0; k < x.size(); ++k) {
+      const double gain = std::min(other[k], most) - std::min(x[k], most);
+      if (gain > 0.5 * most) {
+        c.voices += voices_[k];
+        c.only_first.push_back(static_cast<Index>(k));
+      } else if (gain < -0.5 * most) {
+        c.other_voices += voices_[k];
+        c.only_other.push_back(static_cast<Index>(k));
+      }
+    }
+    return c;
+  }
+
+ private:
+  const MeasurementGraph* graph_;
+  std::vector<double> voices_;
+  bool uneven_;  // whether the weights tell anything
+};
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -1,0 +1,121 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <functional>
+#include <vector>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+/// What the neighbours of an edge's ends say of it, apart from what it says itself.
+///
+/// Cameras that see the same share most of their neighbours, and the triangles with these agree.
+/// Edges that are wrong at random agree with no triangle. Facades that only look alike agree with
+/// one another, but those whom they confuse share few neighbours: pairs that ought to match, if it
+/// were true, do not (Wilson and Snavely 2013; Yan et al. 2017).
+class Neighbourhoods {
+ public:
+  /// @param keep_going asked every few milliseconds; false stops, and the rest counts for nothing
+  explicit Neighbourhoods(const MeasurementGraph& graph,
+                          std::function<bool()> keep_going = [] { return true; })
+      : graph_(&graph), keep_going_(std::move(keep_going)) {
+    constexpr double most_work = 2e8, enough_work = 4e5;
+    double work = 0.0;
+    for (Index k = 0; k < graph.num_nodes(); ++k) {
+      for (const HalfEdge& h : graph.row(k)) work += graph.row(h.node).size();
+    }
+    stride_ = 1 + static_cast<Index>(work / most_work);
+    std::vector<double> x;
+    visit_triangles(stride_ + static_cast<Index>(work / enough_work),
+                    [&](Index, Index, Index, double x_k) { x.push_back(x_k); });
+    most_ = agreement(std::move(x));
+  }
+
+  /// How much (m,) the neighbourhoods of an edge's two ends overlap, 0 to 1: the weighted Jaccard
+  /// index, where a common neighbour counts only if its triangle agrees,
+  ///
+  ///     sum over k of min(w_ik, w_jk) / sum over k of max(w_ik, w_jk).
+  ///
+  /// @param weights (m,)
+  std::vector<double> overlap(const std::vector<double>& weights) const {
+    constexpr double own_share = 1e-3;  // tells edges apart that agree with no triangle
+    const MeasurementGraph& graph = *graph_;
+    std::vector<double> shared(weights.size(), 0.0), all(graph.num_nodes(), 0.0);
+    for (Index k = 0; k < graph.num_nodes(); k += stride_) {
+      for (const HalfEdge& h : graph.row(k)) all[h.node] += weights[h.edge()];
+    }
+    visit_triangles(stride_, [&](Index edge, Index ik, Index jk, double x) {
+      if (x <= most_) shared[edge] += std::min(weights[ik], weights[jk]);
+    });
+    for (std::size_t k = 0; k < shared.size(); ++k) {
+      const Edge& e = graph.edges()[k];
+      const double either = all[e.i] + all[e.j] - shared[k];
+      const double own = own_share * weights[k];
+      shared[k] = (shared[k] + own) / std::max(either + own, 1e-300);
+    }
+    return shared;
+  }
+
+ private:
+  /// Calls visit(ij, ik, jk, x) for all triangles i j k, with x the squared chord by which they
+  /// miss the identity, for every stride-th k. Of edges parallel to ik and jk one is looked at.
+  template <typename Visit>
+  void visit_triangles(Index stride, Visit&& visit) const {
+    constexpr Index nodes_between_questions = 64;
+    const MeasurementGraph& graph = *graph_;
+    std::vector<const HalfEdge*> to(graph.num_nodes(), nullptr);
+    for (Index k = 0, asked = 0; k < graph.num_nodes(); k += stride) {
+      if (++asked % nodes_between_questions == 0 && !keep_going_()) return;
+      for (const HalfEdge& h : graph.row(k)) to[h.node] = &h;
+      for (const HalfEdge& ik : graph.row(k)) {
+        const Index i = ik.node;
+        if (to[i] != &ik || i == k) continue;
+        for (const HalfEdge& ij : graph.row(i)) {
+          const Index j = ij.node;
+          if (j <= i || j == k || to[j] == nullptr) continue;
+          // j_from_i against j_from_k k_from_i, which have the square roots of weights for norms
+          const Vector4 detour = product(to[j]->node_from_l, ik.node_from_l.conjugate());
+          const double cosine = detour.dot(ij.node_from_l.coeffs());
+          const double norm2 = detour.squaredNorm() * ij.node_from_l.squaredNorm();
+          visit(ij.edge(), ik.edge(), to[j]->edge(),
+                4.0 * std::max(0.0, 1.0 - cosine * cosine / norm2));
+        }
+      }
+      for (const HalfEdge& h : graph.row(k)) to[h.node] = nullptr;
+    }
+  }
+
+  /// The squared chord up to which triangles agree: three standard deviations of those that do, by
+  /// the fixed point of noise_scale(), which starts from the smallest tenth.
+  static double agreement(std::vector<double> x) {
+    constexpr double rounding2 = 1e-24, most2 = 0.25;
+    constexpr double tenth_of_half_normal = 0.1257, median_below_three = 0.6724;
+    if (x.empty()) return rounding2;
+    std::sort(x.begin(), x.end());
+    double s2 = x[x.size() / 10] / (tenth_of_half_normal * tenth_of_half_normal);
+    for (int k = 0; k < 100; ++k) {
+      const auto below = std::upper_bound(x.begin(), x.end(), 9.0 * s2) - x.begin();
+      const double next = x[below / 2] / (median_below_three * median_below_three);
+      if (std::abs(next - s2) <= 1e-9 * s2) break;
+      s2 = next;
+    }
+    return std::clamp(9.0 * s2, rounding2, most2);
+  }
+
+  const MeasurementGraph* graph_;
+  std::function<bool()> keep_going_;
+  Index stride_ = 1;    // of the nodes whose triangles are looked at
+  double most_ = 0.0;  // squared chord up to which a triangle agrees
+};
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop

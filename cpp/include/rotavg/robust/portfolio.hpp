@@ -1,0 +1,194 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/init/maximum_spanning_tree.hpp>
+#include <rotavg/robust/evidence.hpp>
+#include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/neighbourhoods.hpp>
+#include <rotavg/robust/part_votes.hpp>
+#include <rotavg/robust/run.hpp>
+#include <rotavg/robust/stories.hpp>
+#include <rotavg/robust/votes.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+/// An answer that a start has led to.
+struct Story {
+  std::string start;  ///< in words
+  Rotations rotations;
+  double noise = 0.0;     ///< radians
+  std::vector<double> x;  ///< squared residuals (m,) in units of the noise, the same for all
+};
+
+/// What a portfolio of starts has found.
+struct Portfolio {
+  Story best;
+  bool replaced = false;  ///< by another than the given one
+  std::vector<Story> alternatives;  ///< that differ, and that the evidence does not rule out
+  std::optional<Evidence> evidence;  ///< if any was needed
+  Index tried = 1;                  ///< starts
+  Index different = 1;              ///< different answers to which they led
+};
+
+namespace detail {
+
+/// A start along a tree, polished: a few reweightings at the scale that its residuals show, votes of
+/// the nodes with their strongest edges, and of the parts.
+inline Story polished(RobustRun& run, const MeasurementGraph& graph,
+                      const std::vector<double>& voices, double loss_noises, std::string start,
+                      Rotations R) {
+  constexpr double most_noise = 0.5, outlier_noises = 3.0;
+  constexpr double brief_gain = 1e-3, gain = 1e-4;
+  constexpr int brief_limit = 8, limit = 20, most_rounds = 3;
+  const auto noise_now = [&] { return std::min(most_noise, run.noise_at(R)); };
+  double noise = noise_now();
+  R = run.reweighted(R, {Loss::cauchy, noise}, brief_gain, brief_limit).rotations;
+  noise = noise_now();
+  take_votes(graph, voices, run.precision(), {Loss::geman_mcclure, outlier_noises * noise}, R,
+             run.keep_going());
+  R = run.reweighted(R, {Loss::cauchy, noise}, brief_gain, brief_limit).rotations;
+  noise = noise_now();
+  R = run.reweighted(R, {Loss::cauchy, loss_noises * noise}, gain, limit).rotations;
+  for (int k = 0; k < most_rounds; ++k) {
+    noise = noise_now();
+    if (take_part_votes(graph, run.precision(), run.squared_residuals_at(R),
+                        outlier_noises * noise, R) == 0) {
+      break;
+    }
+    R = run.reweighted(R, {Loss::cauchy, loss_noises * noise}, gain, brief_limit).rotations;
+  }
+  Story story;
+  story.start = std::move(start);
+  story.noise = noise_now();
+  story.rotations = std::move(R);
+  return story;
+}
+
+}  // namespace detail
+
+/// Compares what least squares and l1 have found with where other starts lead.
+///
+/// 1. Where hardly any edge contradicts, there is but one story, and nothing more is done. Nor is
+///    it where hardly any of the strongest edges contradicts (Evidence).
+/// 2. The maximum spanning tree by strength, weight times overlap (Neighbourhoods), is polished. If
+///    it tells the same story, that is it.
+/// 3. While the evidence is not clear, trees by overlap alone and, if the weights differ, by both
+///    and by weight alone.
+/// 4. All are compared at one scale, the noise of the first. A later one takes its place where the
+///    voices of the strongest edges clearly prefer it; what they do not rule out is an alternative.
+///
+/// @param run that judges residuals in their own units
+/// @param loss_noises the scale of the loss in units of the noise
+inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, double loss_noises,
+                              Rotations R, double noise) {
+  constexpr double contradicted = 16.0, clear_edges = 0.01, clear_voices = 0.01;
+  constexpr double beyond_doubt = 5.0, few_cameras = 0.02;
+  const std::size_t m = graph.edges().size();
+  const auto go_on = run.keep_going();
+  Portfolio portfolio;
+  std::vector<Story> stories(1);
+  stories[0] = {"least squares and l1", std::move(R), noise, {}};
+  const auto units_of = [&](Story& story) {
+    const double scale2 = stories[0].noise * stories[0].noise;
+    story.x = run.squared_residuals_at(story.rotations);
+    for (std::size_t k = 0; k < m; ++k) {
+      story.x[k] *= precision_of(run.precision(), k) / scale2;
+    }
+  };
+  units_of(stories[0]);
+  const auto finish = [&] {
+    portfolio.best = std::move(stories[0]);
+    return std::move(portfolio);
+  };
+
+  // 1.
+  double against = 0.0;
+  for (const double x : stories[0].x) against += x > contradicted;
+  if (against <= clear_edges * static_cast<double>(m) || !go_on()) return finish();
+  const Neighbourhoods neighbourhoods(graph, go_on);
+  const std::vector<double>& weights = run.given();
+  const std::vector<double> overlap = neighbourhoods.overlap(weights);
+  std::vector<double> strength = weights;
+  for (std::size_t k = 0; k < m; ++k) strength[k] *= overlap[k];
+  const Evidence evidence(graph, strength);
+  portfolio.evidence = evidence;
+  double voices = 0.0;
+  for (const double v : evidence.voices()) voices += v;
+  const auto contradicts = [&](const Story& story) {
+    double against_it = 0.0;
+    for (std::size_t k = 0; k < m; ++k) {
+      if (story.x[k] > contradicted) against_it += evidence.voices()[k];
+    }
+    return against_it > clear_voices * voices;
+  };
+  if (!contradicts(stories[0])) return finish();
+
+  // 2. and 3.
+  std::vector<double> ballots = evidence.voices();  // a node without a strong edge votes, too
+  for (double& ballot : ballots) ballot = 0.5 * ballot + 1e-3;
+  const double tolerance = step_tolerance(noise);
+  std::size_t best = 0;
+  const auto differ = [&](const Story& a, const Story& b) {
+    const auto group = shared_groups(graph, a.rotations, b.rotations, tolerance);
+    return std::count(group.begin(), group.end(), 0) <
+           static_cast<std::ptrdiff_t>((1.0 - few_cameras) * static_cast<double>(group.size()));
+  };
+  const auto doubtful = [&] {
+    if (!go_on() || run.ended() != Status::not_run) return false;
+    if (portfolio.replaced && portfolio.tried < 3 && contradicts(stories[best])) return true;
+    for (std::size_t k = 0; k < stories.size(); ++k) {
+      if (k == best) continue;
+      if (evidence.compare(stories[best].x, stories[k].x).lead() <= beyond_doubt) return true;
+    }
+    return false;
+  };
+  const auto attempt = [&](const char* start, const std::vector<double>& key) {
+    ++portfolio.tried;
+    Story story = detail::polished(run, graph, ballots, loss_noises, start,
+                                   along_spanning_tree(graph, key));
+    units_of(story);
+    const bool better = evidence.compare(story.x, stories[best].x).clear();
+    bool same = false;
+    for (const Story& other : stories) same = same || !differ(story, other);
+    if (same && !better) return;
+    if (better) {
+      best = stories.size();
+      portfolio.replaced = true;
+    }
+    stories.push_back(std::move(story));
+  };
+  attempt("the tree by weight and overlap", strength);
+  if (doubtful()) {
+    const std::vector<double> second = neighbourhoods.overlap(overlap);
+    attempt("the tree by overlap", second);
+    for (std::size_t k = 0; k < m; ++k) strength[k] *= second[k];
+    const bool uneven = graph.max_weight() > graph.min_weight();
+    if (uneven && doubtful()) attempt("the tree by weight and overlap twice", strength);
+    if (uneven && doubtful()) attempt("the tree by weight", weights);
+  }
+
+  // 4.
+  std::swap(stories[0], stories[best]);
+  for (std::size_t k = 1; k < stories.size(); ++k) {
+    if (!differ(stories[0], stories[k])) continue;
+    ++portfolio.different;
+    if (evidence.rules_out_other(stories[0].x, stories[k].x)) continue;
+    portfolio.alternatives.push_back(std::move(stories[k]));
+  }
+  return finish();
+}
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop

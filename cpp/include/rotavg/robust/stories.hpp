@@ -1,0 +1,150 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <map>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/robust/evidence.hpp>
+#include <rotavg/robust/verdicts.hpp>
+#include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+/// The edges between two groups of cameras that two answers place differently.
+struct Bundle {
+  Index group = 0, other_group = 0;  ///< of Alternative::group
+  Index edges = 0;                   ///< that the answer explains, and the alternative does not
+  double weight = 0.0;               ///< theirs together
+  Index alternative_edges = 0;       ///< the other way round
+  double alternative_weight = 0.0;
+};
+
+/// Another answer that explains the graph, too.
+struct Alternative {
+  Rotations rotations;       ///< world_from_i, in the gauge of the answer
+  std::vector<Index> group;  ///< (n,) groups that both answers share; 0 is the largest
+  Evidence::Comparison evidence;  ///< of the answer against this one
+  std::vector<Bundle> bundles;    ///< the heaviest first
+  double closure = 0.0;         ///< Evidence::closure of the edges that only this one explains
+  double answer_closure = 0.0;  ///< and of those that only the answer explains
+  /// Some of the pairs that ought to match if this were true and do not.
+  std::vector<std::pair<Index, Index>> missing;
+
+  /// How many cameras are not in the largest group.
+  Index num_different() const {
+    return static_cast<Index>(group.size()) -
+           static_cast<Index>(std::count(group.begin(), group.end(), 0));
+  }
+};
+
+namespace detail {
+
+inline double squared_chord(const Matrix3& A, const Matrix3& B) {
+  return std::max(0.0, 3.0 - A.cwiseProduct(B).sum());  // |A - B|^2 / 2
+}
+
+}  // namespace detail
+
+/// A step between two answers that noise does not make: a chord, radians.
+inline double step_tolerance(double noise) {
+  constexpr double least = 0.05, noises = 6.0;
+  return std::max(least, noises * noise);
+}
+
+/// The groups (n,) of cameras that two answers place alike: what the relative rotation of an
+/// answer to the other, R_i S_i^T, holds together over the edges, and what agrees with the largest
+/// of these, whose label is 0. A bend along a street is no difference, a step is.
+///
+/// @param tolerance a chord
+inline std::vector<Index> shared_groups(const MeasurementGraph& graph, const Rotations& R,
+                                        const Rotations& S, double tolerance) {
+  const double most = tolerance * tolerance;
+  Rotations turn(R.size());
+  for (std::size_t i = 0; i < R.size(); ++i) turn[i] = R[i] * S[i].transpose();
+  std::vector<bool> holds(graph.edges().size());
+  for (std::size_t k = 0; k < holds.size(); ++k) {
+    const Edge& e = graph.edges()[k];
+    holds[k] = detail::squared_chord(turn[e.i], turn[e.j]) <= most;
+  }
+  std::vector<Index> group = parts_joined_by(graph, holds);
+  const Index size = 1 + *std::max_element(group.begin(), group.end());
+  std::vector<Index> count(size, 0), order(size), rank(size, 0);
+  for (const Index g : group) ++count[g];
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](Index a, Index b) { return count[a] > count[b]; });
+  for (Index k = 0; k < size; ++k) rank[order[k]] = k;
+  Rotations first(size, Matrix3::Zero());
+  for (std::size_t i = group.size(); i-- > 0;) first[rank[group[i]]] = turn[i];
+  for (Index& g : group) {
+    g = rank[g];
+    if (detail::squared_chord(first[g], first[0]) <= most) g = 0;
+  }
+  return group;
+}
+
+/// What there is to tell of another answer.
+///
+/// @param x, other_x squared residuals (m,) of the two, in units of the noise
+/// @param group as of shared_groups
+inline Alternative alternative_story(const MeasurementGraph& graph, const Rotations& R,
+                                     const std::vector<double>& x, Rotations S,
+                                     const std::vector<double>& other_x,
+                                     std::vector<Index> group) {
+  constexpr double most = 16.0;
+  constexpr std::size_t most_missing = 16, most_bundles = 8;
+  Alternative story;
+  const auto reference = std::find(group.begin(), group.end(), 0) - group.begin();
+  const Matrix3 gauge = R[reference] * S[reference].transpose();
+  for (Matrix3& rotation : S) rotation = gauge * rotation;
+
+  std::map<std::pair<Index, Index>, Bundle> bundles;
+  std::vector<Index> only_other;
+  for (Index k = 0; k < graph.num_edges(); ++k) {
+    const Edge& e = graph.edges()[k];
+    if (group[e.i] == group[e.j]) continue;
+    const double gain = std::min(other_x[k], most) - std::min(x[k], most);
+    if (std::abs(gain) <= 0.5 * most) continue;
+    const auto ends = std::minmax(group[e.i], group[e.j]);
+    Bundle& bundle = bundles[{ends.first, ends.second}];
+    bundle.group = ends.first;
+    bundle.other_group = ends.second;
+    (gain > 0.0 ? bundle.edges : bundle.alternative_edges) += 1;
+    (gain > 0.0 ? bundle.weight : bundle.alternative_weight) += e.weight;
+    if (gain < 0.0) only_other.push_back(k);
+  }
+  for (const auto& [ends, bundle] : bundles) story.bundles.push_back(bundle);
+  std::stable_sort(story.bundles.begin(), story.bundles.end(), [](const Bundle& a, const Bundle& b) {
+    return a.weight + a.alternative_weight > b.weight + b.alternative_weight;
+  });
+  if (story.bundles.size() > most_bundles) story.bundles.resize(most_bundles);
+
+  // Of an edge i j that only the other explains: which neighbours of i do not match j?
+  std::vector<bool> near(graph.num_nodes(), false);
+  for (const Index k : only_other) {
+    if (story.missing.size() == most_missing) break;
+    const Edge& e = graph.edges()[k];
+    for (const HalfEdge& h : graph.row(e.j)) near[h.node] = true;
+    for (const HalfEdge& h : graph.row(e.i)) {
+      if (near[h.node] || h.node == e.j || group[h.node] != group[e.i]) continue;
+      story.missing.emplace_back(h.node, e.j);
+      break;  // one of each edge
+    }
+    for (const HalfEdge& h : graph.row(e.j)) near[h.node] = false;
+  }
+  story.rotations = std::move(S);
+  story.group = std::move(group);
+  return story;
+}
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop
