@@ -6,6 +6,7 @@
 #include <doctest/doctest.h>
 
 #include <rotavg/graph/bridges.hpp>
+#include <rotavg/graph/parts.hpp>
 #include <rotavg/problem/davenport.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>

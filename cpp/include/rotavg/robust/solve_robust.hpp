@@ -64,8 +64,8 @@ struct RobustSolution : Solution {
 /// 3. nodes that a few wrong edges hold in the wrong place are moved to where most of their
 ///    neighbours would have them, by find_consensus.
 /// 4. The loss, by reweighting; of a bounded one by graduated non-convexity first. If the objective
-///    was lower anywhere before, it goes on from there. The trace is that of this stage, from where
-///    the loss is at its scale: its objective never rises.
+///    was lower anywhere before (but of huber and l1), it goes on from there. The trace is that of
+///    this stage, from where the loss is at its scale: its objective never rises.
 /// 5. Where many strong edges contradict, the loss automatic compares what it has found with where
 ///    other starts lead (find_stories), and goes on from there if they speak for it.
 /// 6. The weights are held, and the weighted problem is solved and certified. What is proved is

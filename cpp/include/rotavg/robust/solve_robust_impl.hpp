@@ -170,8 +170,10 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
     return run.reweighted(from, loss, loss_gain, go_on() ? loss_limit : 0);
   };
   IterationResult reweighted = settle(R);
+  // Of losses that never stop growing as fast as r, a lower objective is the pull of the outliers.
+  const bool redescends = loss.kind != Loss::huber && loss.kind != Loss::l1;
   for (const Rotations& other : starts) {
-    if (!(run.objective_at(other, loss) < reweighted.objective)) continue;
+    if (!redescends || !(run.objective_at(other, loss) < reweighted.objective)) continue;
     IterationResult second = settle(other);
     if (second.objective < reweighted.objective) reweighted = std::move(second);
   }
