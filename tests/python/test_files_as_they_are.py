@@ -414,8 +414,11 @@ def test_rotations_that_irotavg_holds_fixed(tmp_path: Path) -> None:
     put(tmp_path, "h.irotavg", "4 4 2", *edges[:-1], "2 11 1 0 0 0", *rest)
     run("solve", tmp_path / "h.irotavg", "-o", tmp_path / "s.npz")
     np.testing.assert_allclose(read_rotations(tmp_path / "s.npz")[1][:2], truth[:2], atol=1e-14)
-    for head, message in (("4 4 5", "found f = 5 fixed rotations, expected 0 to 4"),
-                          ("4 4 -1", "found f = -1"), ("4 4 3", "found 2 absolute rot")):  # fmt: skip
+    for head, message in (
+        ("4 4 5", "found f = 5 fixed rotations, expected 0 to 4"),
+        ("4 4 -1", "found f = -1"),
+        ("4 4 3", "found 2 absolute rot"),
+    ):
         put(tmp_path, "b.irotavg", head, *edges, *(row(q) for q in wxyz[:2]))
         with pytest.raises(FormatError, match=message):
             read(tmp_path / "b.irotavg", format="irotavg")

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import itertools
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import rotavg
 from rotavg.base.errors import FormatError
+from rotavg.cli.main import commands
 from rotavg.graph.conventions import matrices_from_rotvecs, quaternions_from_matrices
 from rotavg.io import read, read_rotations
 from rotavg.io.columns import layout_of
@@ -147,6 +150,28 @@ def test_rotations_of_nodes(tmp_path: Path, separator: str, turn: list[str]) -> 
     np.testing.assert_allclose(read_rotations(path, columns=words)[1], R, atol=1e-12)
     with pytest.raises(FormatError, match="glomap has its own"):
         read_rotations(path, columns=words, format="glomap")
+
+
+def test_the_command_compares_tables_of_any_columns(tmp_path: Path) -> None:
+    """Say, poses as localisers write them: name, camera_from_world wxyz, translation."""
+    rows = [row([f"img{k}.jpg"], [Q[k, 3], *-Q[k, :3]], [1, 2, 3]) for k in range(4)]
+    theirs = put(tmp_path / "poses.txt", *rows)
+    ours = {f"img{k}.jpg": R[k] for k in range(4)}
+    ids, found = read_rotations(theirs, columns="id,qw,qx,qy,qz,_,_,_", convention="vision")
+    assert rotavg.compare((ids, found), ours).angles.max() < 1e-7
+    truth = put(tmp_path / "truth.csv", *(
+        ",".join([f"img{k}.jpg", *map(repr, Q[k].tolist())]) for k in range(4)
+    ))  # fmt: skip
+    arguments = ["compare", str(theirs), str(truth), "--convention", "vision", "--json"]
+    result = CliRunner().invoke(commands, [*arguments, "--columns", "id,qw,qx,qy,qz,_,_,_"])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.output)["max_deg"] < 1e-5
+    other = ["--columns", "_,qw,qx,qy,qz,_,_,_"]
+    assert isinstance(CliRunner().invoke(commands, [*arguments, *other]).exception, FormatError)
+
+
+def row(*parts: Any) -> str:
+    return " ".join(str(x) for part in parts for x in np.asarray(part).tolist())
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,11 @@ def _convention(name: str, of: str) -> Callable[[Any], Any]:
     return click.option(name, type=click.Choice(["pose", "vision"]), help=text)
 
 
+def _columns(name: str, of: str) -> Callable[[Any], Any]:
+    text = f"What the columns of {of} are, if it is text or CSV without a header: id,qw,qx,qy,qz."
+    return click.option(name, metavar="WORDS", help=text)
+
+
 @click.command()
 @click.argument("solution_path", metavar="SOLUTION", type=options.PATH)
 @click.argument("reference_path", metavar="REFERENCE", type=options.PATH)
@@ -39,6 +44,8 @@ def _convention(name: str, of: str) -> Callable[[Any], Any]:
 @_convention("--convention", "SOLUTION")
 @_format("--reference-format", "REFERENCE")
 @_convention("--reference-convention", "REFERENCE")
+@_columns("--columns", "SOLUTION")
+@_columns("--reference-columns", "REFERENCE")
 @click.option(
     "--graph",
     "graph_path",
@@ -60,6 +67,8 @@ def compare(
     convention: Convention | None,
     reference_format: str | None,
     reference_convention: Convention | None,
+    columns: str | None,
+    reference_columns: str | None,
     graph_path: Path | None,
     image_ids: bool,
     as_json: bool,
@@ -76,9 +85,12 @@ def compare(
       rotavg compare solved.txt truth.txt
       rotavg compare solved.txt reconstruction/images.txt --graph graph.txt
     """
-    solution = read_absolute(solution_path, format=format, convention=convention)
+    solution = read_absolute(solution_path, format=format, convention=convention, columns=columns)
     reference = read_absolute(
-        reference_path, format=reference_format, convention=reference_convention
+        reference_path,
+        format=reference_format,
+        convention=reference_convention,
+        columns=reference_columns,
     )
     for path, found in ((solution_path, solution), (reference_path, reference)):
         for note in found.notes:

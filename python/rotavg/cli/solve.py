@@ -213,6 +213,7 @@ def solve(
         gravity_path,
         trusted_path,
         excluded_path,
+        settings["nodes_path"],
         init if isinstance(init, Path) else None,
     ]
     atomic.check_distinct([output], known)

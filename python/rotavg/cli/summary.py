@@ -72,6 +72,7 @@ def summary(solution: rotavg.Solution, read: float, total: float) -> dict[str, A
         "nodes": solution.graph.num_nodes,
         "edges": solution.graph.num_edges,
         "components": solution.num_components,
+        "component_sizes": np.sort(np.bincount(solution.component))[::-1].tolist(),
         "method": solution.method,
         "reason": solution.reason,
         "init": solution.init,
