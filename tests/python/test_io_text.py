@@ -112,8 +112,8 @@ def test_many_edges_are_read_quickly(tmp_path: Path) -> None:
     lines = [f"{k} {k + 1} {a!r} {b!r} {c!r} {d!r}" for k, (a, b, c, d) in enumerate(q.tolist())]
     path = tmp_path / "many.txt"
     path.write_text("\n".join(lines))
-    start = time.perf_counter()
+    start = time.process_time()
     assert read(path).num_edges == 100_000
-    seconds = time.perf_counter() - start
+    seconds = time.process_time() - start
     print(f"100000 edges: {seconds:.2f} s")
     assert seconds < 5  # 0.3 s on a quiet machine

@@ -164,11 +164,11 @@ def test_command_line_writes_covariances(tmp_path: Path, truth: NDArray[np.float
     assert result.returncode == 0, result.stderr
     assert "uncertainty" in result.stdout
     lines = (tmp_path / "c.csv").read_text().splitlines()
-    assert lines[0] == "id,rms_deg,xx,xy,xz,yy,yz,zz"
-    assert lines[1] == '"n,0",0.0,0.0,0.0,0.0,0.0,0.0,0.0'
+    assert lines[0] == "id,rms_deg,xx,xy,xz,yy,yz,zz,component"
+    assert lines[1] == '"n,0",0.0,0.0,0.0,0.0,0.0,0.0,0.0,0'
     with np.load(tmp_path / "s.npz") as archive:
         covariances = archive["covariances"]
-    row = [float(field) for field in lines[4].rsplit(",", 7)[1:]]
+    row = [float(field) for field in lines[4].rsplit(",", 8)[1:-1]]
     assert row[1:] == [covariances[3][a, b] for a, b in zip(*np.triu_indices(3))]
     assert row[0] == pytest.approx(np.degrees(np.sqrt(np.trace(covariances[3]))))
 

@@ -14,7 +14,7 @@ from rotavg.solving.uncertainty import rms_degrees
 if TYPE_CHECKING:
     from rotavg.solving.solution import Solution
 
-HEADER = ("id", "rms_deg", "xx", "xy", "xz", "yy", "yz", "zz")
+HEADER = ("id", "rms_deg", "xx", "xy", "xz", "yy", "yz", "zz", "component")
 
 
 def write_covariances(
@@ -23,7 +23,8 @@ def write_covariances(
     """Write one line for every node, in the order of the graph, under a header.
 
     The columns: the id; the root mean square angle, in degrees, by which the rotation is off; the
-    upper triangle of its covariance in radians^2 (`Solution.covariances`, in the world's frame).
+    upper triangle of its covariance in radians^2 (`Solution.covariances`, in the world's frame),
+    relative to the first node of its component; the label of that.
 
     Raises SolverError where there are no covariances, and FileAccessError if the file cannot be
     written; what was there before is untouched.
@@ -34,6 +35,7 @@ def write_covariances(
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(HEADER)
-    for node, angle, entries in zip(solution.graph.nodes.tolist(), rms.tolist(), upper.tolist()):
-        writer.writerow([node, angle, *entries])
+    nodes, label = solution.graph.nodes.tolist(), solution.component.tolist()
+    for node, angle, entries, part in zip(nodes, rms.tolist(), upper.tolist(), label):
+        writer.writerow([node, angle, *entries, part])
     atomic.write_files({Path(path): stream.getvalue().encode()})

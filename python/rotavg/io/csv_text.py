@@ -15,9 +15,9 @@ from pathlib import Path
 from rotavg.base.errors import FormatError
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader
+from rotavg.io.fields import is_header
 from rotavg.io.lines import BYTE_ORDER_MARK, content_lines, is_number
 from rotavg.io.registry import Format, ReadOptions, Writable
-from rotavg.io.table import is_header
 from rotavg.io.text import (
     SOLUTION_HEADER,
     is_edge,

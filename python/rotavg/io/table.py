@@ -7,10 +7,9 @@ of names, or the comment just above the first row), or else as the format has th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +17,8 @@ from numpy.typing import NDArray
 from rotavg.base.errors import FormatError
 from rotavg.graph.conventions import matrices_from_quaternions, matrices_from_rotvecs
 from rotavg.io.columns import EXPECTED, Layout, layout_of
+from rotavg.io.fields import Row, Rows, header_of, is_header, says_something, split, title_words
 from rotavg.io.lines import (
-    BYTE_ORDER_MARK,
     check_finite,
     content_lines,
     is_number,
@@ -27,8 +26,6 @@ from rotavg.io.lines import (
     shown,
 )
 from rotavg.io.rounding import matrix_notes, quaternion_notes
-
-Rows = Iterable[tuple[int, Union[bytes, list[bytes]]]]  # line number, the row or its fields
 
 _LAST = ("qx", "qy", "qz", "qw")
 _TURN = 2 * np.pi + 0.01
@@ -109,11 +106,11 @@ def read_table(
     first = True
     for line, row in rows:
         separated = isinstance(row, list) or b"," in row or b";" in row
-        if separated and not _says_something(row):
+        if separated and not says_something(row):
             continue
         if first:
             first = False
-            here = _header(row, num_ids)
+            here = header_of(row, num_ids)
             if here is not None:
                 layout, told = layout or here, True
                 continue
@@ -136,62 +133,17 @@ def read_table(
     return _table(path, fields, lines, layout)
 
 
-def split(row: bytes | list[bytes], counts: Collection[int], *, named: bool) -> list[bytes]:
-    """The fields of a row, of which there should be so many; empty ones only of `named` columns."""
-    if isinstance(row, list):  # a name in quotes may begin with a blank
-        fields = list(row)
-    elif b";" in row:
-        fields = [field.strip() for field in row.split(b";")]
-    elif b"," in row:
-        fields = [field.strip() for field in row.split(b",")]
-    else:
-        return row.split()  # none of them is empty
-    while fields and len(fields) > max(counts) and not fields[-1].strip():
-        fields.pop()
-    if isinstance(row, list) or b";" in row:
-        return fields
-    if len(fields) in counts and (named or all(fields)):
-        return fields
-    return row.replace(b",", b" ").split()
-
-
-def title_words(data: bytes) -> list[str]:
-    """The words of the comment just above the first line that is none; none where there is none."""
-    words: list[str] = []
-    for text in data.removeprefix(BYTE_ORDER_MARK).splitlines():
-        text = text.strip()
-        if text.startswith(b"#"):
-            comment = text.lstrip(b"# \t").decode(errors="replace")
-            words = comment.replace(",", " ").replace(";", " ").split()
-        elif text:
-            return words
-    return words
-
-
-def header_words(row: bytes | list[bytes]) -> list[list[str]]:
-    """What the words of a header may be: none of its fields is a number."""
-    ways = [split(row, {1}, named=True)]
-    if isinstance(row, bytes):
-        separator = b";" if b";" in row else b","
-        ways = [[f.strip() for f in row.split(separator)], row.replace(b",", b" ").split()]
-    for fields in ways:
-        while fields and not fields[-1]:  # the lines end in a separator
-            fields.pop()
-    ways = [fields for fields in ways if not any(map(is_number, fields))]
-    return [[f.decode(errors="replace").strip("\"' ") for f in fields] for fields in ways]
-
-
 def w_first_columns(data: bytes, columns: Sequence[str] | None) -> str | None:
     """The columns of a table of edges, with the w of its quaternions first instead of last.
 
     None where it is not last: then it was said, or there are no quaternions.
     """
-    row = next((text for _, text in content_lines(Path(), data) if _says_something(text)), b"")
+    row = next((text for _, text in content_lines(Path(), data) if says_something(text)), b"")
     words = list(columns or title_words(data))
     layout = None if is_header(row, 2) else layout_of(words, 2)
     fields = split(row, (6, 7), named=False)
     if is_header(row, 2):
-        layout = _header(row, 2)
+        layout = header_of(row, 2)
     elif layout is None or len(words) != len(fields):
         usual = ["i", "j", *_LAST, "weight"][: len(fields)]
         layout = layout_of(usual, 2) if len(usual) == len(fields) else None
@@ -206,27 +158,7 @@ def w_first_columns(data: bytes, columns: Sequence[str] | None) -> str | None:
     return ",".join(names)
 
 
-def is_header(row: bytes | list[bytes], num_ids: int) -> bool:
-    """Whether this row names the columns of a table."""
-    return _header(row, num_ids) is not None
-
-
-def _says_something(row: bytes | list[bytes]) -> bool:
-    """Whether there is more than separators, as below the rows of a spreadsheet."""
-    return any(row) if isinstance(row, list) else bool(row.strip(b",; \t\r\f\v"))
-
-
-def _header(row: bytes | list[bytes], num_ids: int) -> Layout | None:
-    for words in header_words(row):
-        layout = layout_of(words, num_ids)
-        if layout is not None:
-            return layout
-    return None
-
-
-def _by_title(
-    row: bytes | list[bytes], title: Sequence[str], num_ids: int
-) -> tuple[Layout | None, bool]:
+def _by_title(row: Row, title: Sequence[str], num_ids: int) -> tuple[Layout | None, bool]:
     layout = layout_of(title, num_ids)
     if layout is None or len(split(row, {len(title)}, named=True)) != len(title):
         return None, False
@@ -236,7 +168,7 @@ def _by_title(
 def _usual(
     path: Path,
     line: int,
-    row: bytes | list[bytes],
+    row: Row,
     usual: Sequence[tuple[str, ...]],
     num_ids: int,
     expected: str,

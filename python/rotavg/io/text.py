@@ -24,6 +24,7 @@ from rotavg.graph.ids import as_edges, edge_error
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import TOLERANCE, nearest_rotation
 from rotavg.io.absolute import QUATERNION, AbsoluteRotations, RotationReader, distinct, labels_of
+from rotavg.io.fields import Row, Rows, is_header, split, title_words
 from rotavg.io.lines import content_lines, exactly, ids_of, is_number, plain_name
 from rotavg.io.registry import (
     Format,
@@ -33,7 +34,7 @@ from rotavg.io.registry import (
     components_to_tell,
 )
 from rotavg.io.rounding import MATRIX_TOLERANCE
-from rotavg.io.table import Rows, is_header, read_table, split, title_words
+from rotavg.io.table import read_table
 
 HEADER = ("i", "j", *QUATERNION, "weight")
 SOLUTION_HEADER = ("id", *QUATERNION)
@@ -133,7 +134,7 @@ def read_nodes(
     )
 
 
-def is_edge(row: bytes | list[bytes]) -> bool:
+def is_edge(row: Row) -> bool:
     """Whether this row is an edge, or a header of edges."""
     fields = split(row, (6, 7), named=False)
     return (len(fields) in (6, 7) and all(map(is_number, fields[2:]))) or is_header(row, 2)
