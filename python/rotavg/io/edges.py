@@ -19,15 +19,14 @@ from rotavg.io.lines import content_lines
 if TYPE_CHECKING:
     from rotavg.solving.solution import Solution
 
-HEADER = ("i", "j", "residual_deg", "weight", "final_weight", "is_outlier", "verdict", "component")
+HEADER = ("i", "j", "residual_deg", "weight", "final_weight", "is_outlier", "verdict")
 
 
 def write_edges(path: str | os.PathLike[str], solution: Solution) -> None:
     """Write one line for every edge, in the order of the graph, under a header.
 
     The columns: the ids; the residual angle in degrees; the weight as given and as it was in the
-    end; 1 for an outlier, else 0; the verdict (`Solution.edge_verdicts`); the
-    label of the component.
+    end; 1 for an outlier, else 0; the verdict (`Solution.edge_verdicts`).
 
     Raises FileAccessError if the file cannot be written; what was there before is untouched.
     """
@@ -38,7 +37,6 @@ def write_edges(path: str | os.PathLike[str], solution: Solution) -> None:
         solution.edge_weights.tolist(),
         solution.is_outlier.astype(int).tolist(),
         solution.edge_verdicts.tolist(),
-        solution.component[solution.graph.indices[:, 0]].tolist(),
     )
     _write(path, HEADER, rows)
 
