@@ -71,6 +71,13 @@ def test_a_list_of_numbers_named_g2o_is_still_text(tmp_path: Path) -> None:
     assert read(put(tmp_path, "x.g2o", "0 1 0 0 0 1")).edges.tolist() == [[0, 1]]
 
 
+def test_names_that_look_like_tags_are_names(tmp_path: Path) -> None:
+    names = ["edge_1", "EDGE_2", "my_vertex_3"]
+    rows = [f"{i} {j} 0 0 0 1" for i, j in zip(names, names[1:])]
+    for name in ("x.txt", "x"):
+        assert read(put(tmp_path, name, *rows)).nodes.tolist() == sorted(names)
+
+
 @pytest.mark.parametrize("name", ["poses_tagged2", "tutorial_tags", "lower_tags"])
 def test_cases_of_unknown_tags(name: str) -> None:
     with pytest.raises(FormatError, match=r"(?i)the file has no edges.*found .*VERTEX_SE3:QUAT: "):

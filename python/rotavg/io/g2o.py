@@ -42,8 +42,10 @@ from rotavg.io.rounding import quaternion_notes
 
 _EDGES = {dialect.edge: dialect for dialect in DIALECTS}
 _VERTICES = {dialect.vertex: dialect for dialect in DIALECTS}
-# Those of applications and tutorials, too, of which an error lists what was found.
-_G2O_TAG = re.compile(rb"^[ \t]*\w*(VERTEX|EDGE)_\w+(:\w+)?[ \t]", re.MULTILINE | re.IGNORECASE)
+# Tags of applications and tutorials, too, of which an error lists what was found; an id follows.
+_G2O_TAG = re.compile(
+    rb"^[ \t]*\w*(VERTEX|EDGE)_\w+(:\w+)?[ \t]+-?\d+[ \t]", re.MULTILINE | re.IGNORECASE
+)
 _TORO_TAG = re.compile(rb"^[ \t]*(VERTEX|EDGE)[23][ \t]", re.MULTILINE)
 
 
