@@ -120,8 +120,7 @@ TEST_CASE("a random start tells whether S is positive, and how far, as dense eig
     } else if (result.outcome == RandomStartOutcome::negative) {
       ++negative;
       CHECK(eigenvalues(0) < 0.0);
-      const double quotient = result.vector.dot(at.S.apply(result.vector).col(0));
-      CHECK(quotient < 0.0);
+      if (result.x.size() > 0) CHECK(result.x.dot(at.S.apply(result.x).col(0)) < 0.0);
     } else {
       CHECK(eigenvalues(0) < 1e-3);  // near zero on either side
     }
@@ -131,8 +130,9 @@ TEST_CASE("a random start tells whether S is positive, and how far, as dense eig
 }
 
 TEST_CASE("the probability of a wrong proof is what is stated: seen where it is large") {
-  // A twisted cycle has negative eigenvalues. With a stated probability of one in five, at most so
-  // many starts may speak for it. (The bound counts one direction; there are several.)
+  // A twisted cycle has negative eigenvalues. With a stated probability of one in five, and a wrong
+  // estimate to begin with, at most so many starts may speak for it. (The bound counts one
+  // direction; there are several.)
   Random random;
   INFO(random.replay());
   constexpr Index n = 8;
@@ -146,7 +146,8 @@ TEST_CASE("the probability of a wrong proof is what is stated: seen where it is 
     RandomStartOptions options;
     options.failure_probability = 0.2;
     options.seed = random.seed();
-    wrong += RandomStart(at.S, at.q, options)().outcome == RandomStartOutcome::positive ? 1 : 0;
+    const RandomStartResult result = RandomStart(at.S, at.q, options).with_estimate(0.3);
+    wrong += result.outcome == RandomStartOutcome::positive ? 1 : 0;
   }
   MESSAGE(wrong << " wrong of " << trials);
   CHECK(wrong < 0.2 * trials);
@@ -171,7 +172,8 @@ TEST_CASE("on expanders a random start proves the optimum, with its probability"
     const Rotations R = test::perturbed(random, solution.rotations, 0.5);
     const Certificate away = certify(graph, R, options.certificate);
     CHECK(away.verdict == Verdict::not_certified);
-    CHECK(objective(graph, R) - away.gap <= solution.objective * (1.0 + 1e-9));
+    const double f = objective(graph, R);
+    CHECK(f - away.gap <= solution.objective + objective_rounding(graph, f));
   }
 }
 

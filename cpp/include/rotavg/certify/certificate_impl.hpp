@@ -146,8 +146,8 @@ ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations
     } else {
       const CertificateMatrix S(sums, components, c);
       const double resolution = measures[c].scale() * options.tolerance;
-      const ComponentBound bound =
-          ComponentBounds(S, q, eliminations[c], resolution, measures[c].noise(), options)();
+      const ComponentBound bound = ComponentBounds(S, q, eliminations[c], resolution,
+                                                   measures[c].noise(), gravity, options)();
       part = detail::certify_component(bound, known.empty() ? LowerBound{} : known[c], measures[c],
                                        options.tolerance);
     }

@@ -11,6 +11,7 @@
 #include <rotavg/certify/random_start.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/linalg/memory.hpp>
+#include <rotavg/reduction/gravity_pairs.hpp>
 #include <rotavg/so3/quaternion.hpp>
 
 namespace rotavg {
@@ -27,16 +28,18 @@ class ComponentBounds {
  public:
   /// @param S, q (world_from_i, where S was taken), elimination (of the component, without its
   /// root)
-  ///        and options must outlive this object
+  ///        gravity and options must outlive this object
   /// @param resolution how small a gap has to be told from zero
   /// @param noise the objective over the sum of weights
   ComponentBounds(const CertificateMatrix& S, const Quaternions& q, Elimination& elimination,
-                  double resolution, double noise, const CertificateOptions& options)
+                  double resolution, double noise, const GravityPairs& gravity,
+                  const CertificateOptions& options)
       : S_(S),
         q_(q),
         elimination_(elimination),
         resolution_(resolution),
         noise_(noise),
+        gravity_(gravity),
         options_(options) {
     for (const Index i : S.nodes()) ends_ += static_cast<double>(S.graph().row(i).size());
   }
@@ -105,7 +108,7 @@ class ComponentBounds {
 
   ComponentBound factorized() {
     const auto& keep_going = options_.keep_going;
-    DefiniteFactorization proof(S_, elimination_, resolution_, noise_);
+    DefiniteFactorization proof(S_, elimination_, resolution_, noise_, gravity_);
     auto outcome = proof.factorize(keep_going);
     if (outcome == CholeskyOutcome::positive_definite) return proof.bound(keep_going);
     if (outcome == CholeskyOutcome::stopped) return {};
@@ -141,7 +144,7 @@ class ComponentBounds {
       bound = bound_by_random_start(S_, result.cut, options_.keep_going);
       bound.failure_probability = options_.failure_probability;
     } else if (result.outcome == RandomStartOutcome::negative) {
-      bound = bound_by_eigenvalue(S_, options_.keep_going, few_iterations, result.vector);
+      bound = bound_by_eigenvalue(S_, options_.keep_going, few_iterations, result.x);
     }
     return bound;
   }
@@ -150,6 +153,7 @@ class ComponentBounds {
   const Quaternions& q_;
   Elimination& elimination_;
   double resolution_, noise_;
+  const GravityPairs& gravity_;
   const CertificateOptions& options_;
   double ends_ = 0.0;  ///< of edges
 };

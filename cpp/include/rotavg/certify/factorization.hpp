@@ -4,12 +4,14 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Core>
 
 #include <rotavg/certify/bound.hpp>
 #include <rotavg/certify/certificate_matrix.hpp>
+#include <rotavg/certify/free_heading.hpp>
 #include <rotavg/certify/min_eigenvalue.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
@@ -77,77 +79,153 @@ class DefiniteFactorization {
   /// @param resolution how small a gap has to be told from zero: kappa is no larger than needed
   /// @param noise the objective over the sum of weights
   DefiniteFactorization(const CertificateMatrix& S, Elimination& elimination, double resolution,
-                        double noise)
-      : S_(S), elimination_(elimination), cholesky_(elimination.symbolic()) {
+                        double noise, const GravityPairs& gravity = {})
+      : S_(S),
+        elimination_(elimination),
+        cholesky_(elimination.symbolic()),
+        headings_(free_headings(S, gravity)) {
     constexpr double part = 0.01, low_noise = 1e-4;
     const double wanted = S.leftover_edge_rounding() / (part * resolution);
     kappa_ = std::clamp(wanted, 1e-12, noise < low_noise ? 0.5 : 1e-3);
     const std::vector<double> rounding = cholesky_rounding(*elimination.symbolic(), 3);
     mu_.reserve(rounding.size());
     for (Index a = 0; a < elimination.size(); ++a) {
-      // No diagonal entry exceeds the degree.
-      mu_.push_back(rounding[a] * S.graph().degree(elimination.node(a)) + S.block_rounding(a + 1));
+      // No diagonal entry exceeds the degree. (Gravity's two edges are meant to be half a turn
+      // apart, and are so to rounding.)
+      const double blocks = (headings_.empty() ? 1.0 : 2.0) * S.block_rounding(a + 1);
+      mu_.push_back(rounding[a] * S.graph().degree(elimination.node(a)) + blocks);
+    }
+    if (!headings_.empty()) add_to_mu(heading_mu);
+    for (const FreeHeading& heading : headings_) {
+      std::vector<bool> in_part;
+      for (const Index i : S.nodes()) {
+        in_part.push_back(gravity.free_heading[i] == heading.label);
+      }
+      in_part_.push_back(std::move(in_part));
+      mu_[heading.row - 1] += rounding[heading.row - 1] * S.graph().degree(S.nodes()[heading.row]);
     }
   }
 
   BlockCholesky<3>& cholesky() { return cholesky_; }
 
   CholeskyOutcome factorize(const std::function<bool()>& keep_going) {
-    std::vector<double> shift(mu_);
-    for (double& entry : shift) entry *= 2.0;  // D and mu
-    const auto outcome =
-        cholesky_.factorize(S_.blocks(elimination_, kappa_, shift), 0.0, keep_going);
     constexpr double modest = 1e-6;
-    if (outcome != CholeskyOutcome::not_positive_definite || kappa_ <= modest) return outcome;
-    kappa_ = modest;  // too much was asked for, perhaps
-    return cholesky_.factorize(S_.blocks(elimination_, kappa_, shift), 0.0, keep_going);
+    const auto outcome = cholesky_.factorize(blocks(), 0.0, keep_going);
+    const bool less_may_do = kappa_ > modest || !headings_.empty();
+    if (outcome != CholeskyOutcome::not_positive_definite || !less_may_do) return outcome;
+    kappa_ = std::min(kappa_, modest);  // too much was asked for, perhaps
+    if (!headings_.empty()) add_to_mu(-heading_mu);
+    return cholesky_.factorize(blocks(), 0.0, keep_going);
   }
 
-  /// After a factorisation that ran to its end.
+  /// After a factorisation that ran to its end. With free headings (free_heading.hpp) there are
+  /// further columns of K, for d; over the feasible set |d|^2 is at most four times |c|^2.
   ComponentBound bound(const std::function<bool()>& keep_going) {
     const Eigen::Index rows = cholesky_.size();
-    const Eigen::MatrixXd K = S_.leftover();
-    Eigen::MatrixXd Z = Eigen::MatrixXd::Zero(S_.size(), 3);
+    const Eigen::MatrixXd K = leftover();
+    Eigen::MatrixXd Z = Eigen::MatrixXd::Zero(K.rows(), K.cols());
     Z.bottomRows(rows) = cholesky_.solve(K.bottomRows(rows));
-    const Eigen::MatrixXd rho = K - S_.apply_less_laplacian(Z, kappa_);
-    const Matrix3 Q = inner_products(K, Z);
-
-    double longest = 0.0;  // of the blocks of Z
-    for (Index a = 1; a < S_.num_nodes(); ++a) {
-      longest = std::max(longest, Z.middleRows<3>(3 * a).norm());
+    Eigen::MatrixXd rho = K - S_.apply_less_laplacian(Z, kappa_);
+    for (const FreeHeading& heading : headings_) {
+      rho.middleRows<3>(3 * heading.row) -=
+          added(heading).lazyProduct(Z.middleRows<3>(3 * heading.row));
     }
-    double first_order = 0.0, rho_square = 0.0, error_square = 0.0, gradient_square = 0.0;
-    const double summing = unit_roundoff * static_cast<double>(S_.size());
+    double node_square = 0.0, heading_square = 0.0;  // of the rounding of K
     for (Index a = 1; a < S_.num_nodes(); ++a) {
-      const double mu = mu_[a - 1];
-      const auto K_a = K.middleRows<3>(3 * a), rho_a = rho.middleRows<3>(3 * a);
-      // Of rho: the blocks' rounding and as much again for the products.
-      const double error =
-          2.0 * S_.block_rounding(a) * 2.0 * longest + 4.0 * unit_roundoff * K_a.norm();
-      first_order += longest * (rho_a.norm() + error) + summing * longest * K_a.norm();
-      rho_square += rho_a.squaredNorm() / mu;
-      error_square += error * error / mu;
-      gradient_square += S_.leftover_node_rounding(a) / mu;
+      node_square += S_.leftover_node_rounding(a) / mu_[a - 1];
+      heading_square += std::pow(4.0 * S_.block_rounding(a), 2) / mu_[a - 1];
     }
-    const double rest = std::sqrt(rho_square) + std::sqrt(error_square);
-    const double computed = std::max(Q.trace() + first_order, 0.0) + rest * rest;
-    const double root = std::sqrt(computed) + std::sqrt(S_.leftover_edge_rounding() / kappa_) +
-                        std::sqrt(gradient_square);
+    const Eigen::Index others = K.cols() - 3;
+    double root = std::sqrt(square(K.leftCols(3), Z.leftCols(3), rho.leftCols(3))) +
+                  std::sqrt(S_.leftover_edge_rounding() / kappa_) + std::sqrt(node_square);
+    if (others > 0) {
+      root +=
+          2.0 * std::sqrt(square(K.rightCols(others), Z.rightCols(others), rho.rightCols(others))) +
+          3.0 * std::sqrt(heading_square);
+    }
     constexpr double margin = 1.0 + 1e-9;  // for the rounding of these sums
     ComponentBound bound;
     bound.method = CertificateMethod::factorization;
     bound.is_definite = true;
     bound.gap = margin * root * root;
-    bound.lambda_min = lambda_min_by_factor(S_, Z, Q, cholesky_, keep_going);
+    const Matrix3 Q = inner_products(K.leftCols(3), Z.leftCols(3));
+    bound.lambda_min = lambda_min_by_factor(S_, Z.leftCols(3), Q, cholesky_, keep_going);
     return bound;
   }
 
  private:
+  /// Of the degrees: with free headings the rounding of K has no pairs that a large kappa bounds.
+  static constexpr double heading_mu = 1e-6;
+
+  void add_to_mu(double share) {
+    for (Index a = 0; a < elimination_.size(); ++a) {
+      mu_[a] += share * S_.graph().degree(elimination_.node(a));
+    }
+  }
+
+  BlockCholesky<3>::Blocks blocks() {
+    std::vector<double> shift(mu_);
+    for (double& entry : shift) entry *= 2.0;  // D and mu
+    BlockCholesky<3>::Blocks blocks = S_.blocks(elimination_, kappa_, shift);
+    for (const FreeHeading& heading : headings_) {
+      blocks[elimination_.pattern().start[heading.row - 1]] += added(heading);
+    }
+    return blocks;
+  }
+
+  /// What stands at the node of a free heading besides.
+  Matrix3 added(const FreeHeading& heading) const {
+    return S_.graph().degree(S_.nodes()[heading.row]) * heading.P - heading.B;
+  }
+
+  /// S [N N'], but for what is added to S at the world, whose rows do not count.
+  Eigen::MatrixXd leftover() const {
+    const auto size = static_cast<Eigen::Index>(headings_.size());
+    Eigen::MatrixXd K(S_.size(), 3 + 2 * size);
+    K.leftCols(3) = S_.leftover();
+    for (Eigen::Index h = 0; h < size; ++h) {
+      const FreeHeading& heading = headings_[h];
+      K.leftCols(3).middleRows<3>(3 * heading.row) -= heading.B;
+      Eigen::MatrixXd turn = Eigen::MatrixXd::Zero(S_.size(), 2);
+      for (Index a = 1; a < S_.num_nodes(); ++a) {
+        if (in_part_[h][a]) turn.middleRows<3>(3 * a) = heading.across;
+      }
+      turn = S_.apply(turn);
+      turn.middleRows<3>(3 * heading.row) -= heading.B * heading.across;
+      K.middleCols(3 + 2 * h, 2) = turn;
+    }
+    return K;
+  }
+
+  /// A bound on tr(K^T S_r^-1 K) by Z and its residual.
+  double square(const Eigen::MatrixXd& K, const Eigen::MatrixXd& Z,
+                const Eigen::MatrixXd& rho) const {
+    double longest = 0.0;  // of the blocks of Z
+    for (Index a = 1; a < S_.num_nodes(); ++a) {
+      longest = std::max(longest, Z.middleRows<3>(3 * a).norm());
+    }
+    const double summing = unit_roundoff * static_cast<double>(S_.size());
+    double first_order = 0.0, rho_square = 0.0, error_square = 0.0;
+    for (Index a = 1; a < S_.num_nodes(); ++a) {
+      const auto K_a = K.middleRows<3>(3 * a), rho_a = rho.middleRows<3>(3 * a);
+      // Of rho: the blocks' rounding and as much again for the products.
+      const double error = 4.0 * S_.block_rounding(a) * longest + 4.0 * unit_roundoff * K_a.norm();
+      first_order += K_a.cwiseProduct(Z.middleRows<3>(3 * a)).sum();
+      first_order += longest * (rho_a.norm() + error) + summing * longest * K_a.norm();
+      rho_square += rho_a.squaredNorm() / mu_[a - 1];
+      error_square += error * error / mu_[a - 1];
+    }
+    const double rest = std::sqrt(rho_square) + std::sqrt(error_square);
+    return std::max(first_order, 0.0) + rest * rest;
+  }
+
   const CertificateMatrix& S_;
   Elimination& elimination_;
   BlockCholesky<3> cholesky_;
   double kappa_ = 0.0;
   std::vector<double> mu_;  ///< of every row of the elimination; D is the same
+  std::vector<FreeHeading> headings_;
+  std::vector<std::vector<bool>> in_part_;  ///< of every heading, by row of the component
 };
 
 /// The same where S_r is so nearly singular that the shift makes it indefinite: rounding goes into

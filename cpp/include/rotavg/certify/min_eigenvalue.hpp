@@ -79,7 +79,7 @@ inline Eigenpair min_eigenvalue_on_complement(const CertificateMatrix& S,
   options.max_iterations = max_iterations;
   options.keep_going = keep_going;
   Eigen::MatrixXd start = random_start(S.size(), std::min<Eigen::Index>(2, S.size() - 3));
-  if (near.cols() > 0) start.leftCols(1) = near.leftCols(1);
+  if (near.size() > 0) start.leftCols(1) = near.leftCols(1);
   return smallest_eigenpair([&](const Eigen::MatrixXd& X) { return S.apply(X); },
                             [&](const Eigen::MatrixXd& X) { return S.divide_by_degree(X); }, start,
                             S.null_vectors(), options);

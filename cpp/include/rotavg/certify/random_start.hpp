@@ -37,8 +37,9 @@ enum class RandomStartOutcome {
 
 struct RandomStartResult {
   RandomStartOutcome outcome = RandomStartOutcome::inconclusive;
-  double cut = 0.0;        ///< M is at least this on the complement
-  Eigen::VectorXd vector;  ///< 3n, where negative, in the global frame
+  double cut = 0.0;       ///< M is at least this on the complement, where positive
+  double quotient = 0.0;  ///< otherwise x^T S x / x^T D x of the x that was met
+  Eigen::VectorXd x;      ///< 3n, in the global frame, where that is negative; empty if not kept
 };
 
 /// A proof but for a stated probability, where nothing can be factorised: that no eigenvalue of M
@@ -80,10 +81,25 @@ class RandomStart {
   }
 
   Result operator()() {
-    const double theta = this->theta();
-    if (stopped_) return {RandomStartOutcome::stopped, 0.0, {}};
-    // Of the estimate, which is not below the smallest eigenvalue: the more, the fewer steps, but
-    // |y| grows where tau exceeds that.
+    Result result = with_estimate(theta());
+    // Where |y| grew, tau was too large, and y tells by how much.
+    constexpr int more = 2;
+    for (int k = 0; k < more && result.outcome == RandomStartOutcome::inconclusive; ++k) {
+      if (!(result.quotient > 0.0 && result.quotient < theta_)) break;
+      theta_ = result.quotient;
+      result = with_estimate(theta_);
+    }
+    return result;
+  }
+
+  /// The same with a given estimate of the smallest eigenvalue, be it right or wrong.
+  Result with_estimate(double theta) {
+    Result result;
+    if (stopped_) result.outcome = RandomStartOutcome::stopped;
+    // The estimate itself is not below the smallest eigenvalue.
+    if (!stopped_ && theta < -2.0 * error(1.0)) result.outcome = RandomStartOutcome::negative;
+    if (result.outcome != RandomStartOutcome::inconclusive) return result;
+    // The larger tau, the fewer steps; but |y| grows where it exceeds the smallest eigenvalue.
     constexpr double tau_share = 0.9, cut_share = 0.125;
     const double tau = std::clamp(tau_share * theta, smallest, 1.0), cut = cut_share * tau;
     const double eta = std::acosh(1.0 + 2.0 * (tau - cut) / (2.0 - tau));
@@ -95,16 +111,15 @@ class RandomStart {
       const double r = error(1.0) / (std::sinh(eta) * (1.0 - std::exp(-eta)));
       if (r > 0.5 * t && rounds < most_rounds) continue;
       const double steps = std::acosh(2.0 / t) / eta;
-      if (2.0 * rounds * steps > options_.max_products) return {};
-      Result result;
+      if (2.0 * rounds * steps > options_.max_products) break;
       for (int round = 0; round < rounds; ++round) {
         result = run(tau, cut, eta, t, static_cast<int>(2.0 * steps) + 10,
-                     options_.seed + static_cast<std::uint64_t>(round));
+                     options_.seed * most_rounds + static_cast<std::uint64_t>(round));
         if (result.outcome != RandomStartOutcome::positive) break;
       }
-      return result;
+      break;
     }
-    return {};
+    return result;
   }
 
  private:
@@ -158,13 +173,13 @@ class RandomStart {
     double r = error(1.0) * (1.0 + 1.0 / std::sinh(eta));  // of b and of the first step
     double longest = 1.0;                                  // so far
     for (int k = 1; k <= max_steps; ++k) {
-      if (!goes_on()) return {RandomStartOutcome::stopped, 0.0, {}};
+      if (!goes_on()) return {RandomStartOutcome::stopped, 0.0, 0.0, {}};
       const double length = operator_.products(z, z).sqrt().maxCoeff();
       longest = std::max(longest, length);
       constexpr double grown = 1e3, rounding = 1.0 + 1e-9;
       if (!(length < grown)) break;
       if (rounding * length < std::cosh(k * eta) * (t - r)) {
-        return {RandomStartOutcome::positive, cut, {}};
+        return {RandomStartOutcome::positive, cut, 0.0, {}};
       }
       operator_.apply(z, 2.0 * scale, 2.0 * shift, -1.0, previous);
       operator_.project(previous);
@@ -180,11 +195,12 @@ class RandomStart {
     const Operator::Row quotient = operator_.products(z, Sz) / operator_.products(z, z);
     Result result;
     Eigen::Index c = 0;
-    if (!(quotient.minCoeff(&c) < -2.0 * error(1.0))) return result;
+    result.quotient = quotient.minCoeff(&c);
+    if (!(result.quotient < -2.0 * error(1.0))) return result;
     result.outcome = RandomStartOutcome::negative;
-    result.vector.resize(S_.size());
+    result.x.resize(S_.size());
     for (Index a = 0; a < S_.num_nodes(); ++a) {
-      result.vector.segment<3>(3 * a) = q_[S_.nodes()[a]].toRotationMatrix() * z[a].col(c);
+      result.x.segment<3>(3 * a) = q_[S_.nodes()[a]].toRotationMatrix() * z[a].col(c);
     }
     return result;
   }

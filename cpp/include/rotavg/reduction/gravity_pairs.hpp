@@ -13,6 +13,9 @@ namespace rotavg {
 struct GravityPairs {
   std::vector<Index> first;         ///< edges, rising
   Vector3 down = Vector3::UnitY();  ///< g, of length 1
+  /// Labels (nodes of the graph,) of the parts that gravity alone holds, so that their heading is
+  /// free; others have -1. Empty where there are none.
+  std::vector<Index> free_heading;
 
   /// What a pair costs at any rotation, 8 w.
   /// @param e residual quaternion of its first edge

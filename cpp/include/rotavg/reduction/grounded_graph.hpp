@@ -35,7 +35,9 @@ class GroundedGraph {
         frames_(ride_on_frames(given.num_nodes(), priors_.rigs)),
         reduced_(reduce(given)),
         components_(connected_components(reduced_.graph())),
-        free_heading_(find_free_headings()) {}
+        free_heading_(find_free_headings()) {
+    if (num_free_headings() > 0) gravity_.free_heading = free_heading_;
+  }
 
   const MeasurementGraph& given() const { return reduced_.given(); }
   const CheckedPriors& priors() const { return priors_; }

@@ -167,9 +167,12 @@ class SolveRun {
     constexpr double share = 0.1, falling = 0.7;
     constexpr int max_idle = 4, max_iterations = 100;
     const ComponentCertificate& now = solution.certificate;
-    if (now.shortfall != Shortfall::leftover || !is_converged(solution.status) || !may_go_on()) {
-      return false;
-    }
+    // Slightly negative, it may be the leftover that makes it so.
+    constexpr double slight = 1e-2;
+    const bool may_be_leftover =
+        now.shortfall == Shortfall::leftover ||
+        (now.shortfall == Shortfall::negative && now.relative_gap < slight);
+    if (!may_be_leftover || !is_converged(solution.status) || !may_go_on()) return false;
     const double before = watch_.seconds();
     IterationOptions options = limits();
     options.stop = StopRule::gradient;
