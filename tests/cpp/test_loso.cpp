@@ -7,10 +7,12 @@
 
 #include <doctest/doctest.h>
 #include <Eigen/LU>
+#include <Eigen/SVD>
 
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/loso.hpp>
 #include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/svd.hpp>
 
 #include "support/random.hpp"
 
@@ -137,6 +139,28 @@ TEST_CASE("on a million matrices both kernels give rotations and agree in the ob
     CHECK(worst_exact <= 1e-14);
     CHECK(worst_fast <= 1e-14);
     CHECK(worst_difference <= 1e-12);
+  }
+}
+
+TEST_CASE("the singular value decomposition is Eigen's, whatever the rank") {
+  Random random;
+  INFO(random.replay());
+  const Matrix3 I = Matrix3::Identity();
+  const int draws = 100000 / static_cast<int>(families().size()) + 1;
+  for (const Family& family : families()) {
+    double worst = 0.0;
+    for (int k = 0; k < draws; ++k) {
+      const Matrix3 A = scaled_to_one(family.draw(random));
+      const rotavg::SingularValues svd = rotavg::singular_values(A);
+      const Eigen::JacobiSVD<Matrix3> reference(A);
+      worst =
+          std::max({worst, (svd.d - reference.singularValues()).norm(),
+                    (svd.U.transpose() * svd.U - I).norm(), (svd.V.transpose() * svd.V - I).norm(),
+                    (svd.U * svd.d.asDiagonal() * svd.V.transpose() - A).norm()});
+      if (!(worst < 1e-14)) break;  // not a number, too
+    }
+    CAPTURE(family.name);
+    CHECK(worst < 1e-14);
   }
 }
 

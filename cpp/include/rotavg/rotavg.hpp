@@ -77,6 +77,8 @@
 #include <rotavg/so3/lanes.hpp>
 #include <rotavg/so3/loso.hpp>
 #include <rotavg/so3/random.hpp>
+#include <rotavg/so3/small_products.hpp>
+#include <rotavg/so3/svd.hpp>
 #include <rotavg/solve/accelerated.hpp>
 #include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/bcd.hpp>

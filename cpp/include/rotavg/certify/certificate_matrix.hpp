@@ -17,6 +17,7 @@
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/quaternion.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -37,14 +38,15 @@ class NodeSums {
     const auto& edges = graph().quaternion_edges();
     for (std::size_t k = 0; k < edges.size(); ++k) {
       const Vector3 v = residuals_()[k].head<3>(), g = 8.0 * residuals_()[k].w() * v;
-      const Matrix3 less = 2.0 * (v.squaredNorm() * Matrix3::Identity() - v * v.transpose());
+      Matrix3 less = outer_product(-2.0 * v, v);
+      add_to_diagonal(less, 2.0 * v.squaredNorm());
       diagonal_[edges[k].i] -= less;
       diagonal_[edges[k].j] -= less;
       gradient_[edges[k].i] += g;
       gradient_[edges[k].j] -= g;
     }
     for (std::size_t i = 0; i < diagonal_.size(); ++i) {
-      diagonal_[i].diagonal().array() += graph().degree(static_cast<Index>(i));
+      add_to_diagonal(diagonal_[i], graph().degree(static_cast<Index>(i)));
     }
   }
 
@@ -106,20 +108,18 @@ class CertificateMatrix {
   /// S X, without forming S.
   Eigen::MatrixXd apply(const Eigen::MatrixXd& X) const {
     Eigen::MatrixXd Y = apply_connection(residuals(), components_, component_, X);
-    for (Index a = 0; a < num_nodes(); ++a) {
-      auto Y_a = Y.middleRows<3>(3 * a);
-      Y_a = diagonal(a).lazyProduct(X.middleRows<3>(3 * a)) - Y_a;
-    }
+    Y *= -1.0;
+    for (Index a = 0; a < num_nodes(); ++a) add_block_product(diagonal(a), X, a, Y, a);
     return Y;
   }
 
   /// (S - kappa L (x) I) X, L the scalar Laplacian; edge by edge, on one thread.
   Eigen::MatrixXd apply_less_laplacian(const Eigen::MatrixXd& X, double kappa) const {
-    Eigen::MatrixXd Y(X.rows(), X.cols());
+    Eigen::MatrixXd Y = Eigen::MatrixXd::Zero(X.rows(), X.cols());
     for (Index a = 0; a < num_nodes(); ++a) {
       Matrix3 block = diagonal(a);
-      block.diagonal().array() -= kappa * graph().degree(nodes_[a]);
-      Y.middleRows<3>(3 * a) = block.lazyProduct(X.middleRows<3>(3 * a));
+      add_to_diagonal(block, -kappa * graph().degree(nodes_[a]));
+      add_block_product(block, X, a, Y, a);
     }
     const auto& edges = graph().quaternion_edges();
     for (std::size_t k = 0; k < edges.size(); ++k) {
@@ -127,10 +127,11 @@ class CertificateMatrix {
       const Vector4& e = residuals()()[k];
       const Index i = components_.row_in_component[edges[k].i];
       const Index j = components_.row_in_component[edges[k].j];
-      Matrix3 block = weighted_rotation(Quaternion(e));
-      block.diagonal().array() -= kappa * e.squaredNorm();
-      Y.middleRows<3>(3 * i) -= block.lazyProduct(X.middleRows<3>(3 * j));
-      Y.middleRows<3>(3 * j) -= block.transpose().lazyProduct(X.middleRows<3>(3 * i));
+      Matrix3 block = -weighted_rotation(Quaternion(e));
+      add_to_diagonal(block, kappa * e.squaredNorm());
+      add_block_product(block, X, j, Y, i);
+      block.transposeInPlace();
+      add_block_product(block, X, i, Y, j);
     }
     return Y;
   }
@@ -236,13 +237,13 @@ class CertificateMatrix {
         [&](Index i) -> Matrix3 {
           const Index row = components_.row_in_component[i] - elimination.skipped();
           Matrix3 block = sums_.diagonal(i);
-          block.diagonal().array() -= kappa * graph().degree(i) + shift[row];
+          add_to_diagonal(block, -(kappa * graph().degree(i) + shift[row]));
           return block;
         },
         [&](Index k) -> Matrix3 {
           const Vector4& e = residuals()()[k];
           Matrix3 block = -weighted_rotation(Quaternion(e));
-          block.diagonal().array() += kappa * e.squaredNorm();
+          add_to_diagonal(block, kappa * e.squaredNorm());
           return block;
         });
   }

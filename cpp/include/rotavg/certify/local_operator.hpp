@@ -13,6 +13,7 @@
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/so3/random.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -43,7 +44,7 @@ class LocalOperator {
     for (Index a = 0; a < S.num_nodes(); ++a) {
       const Index i = S.nodes()[a];
       const Matrix3 R = q[i].toRotationMatrix();
-      nodes_[a] = {R, R.transpose() * S.diagonal(a) * R, S.graph().degree(i)};
+      nodes_[a] = {R, transposed_product(R, S.diagonal(a)) * R, S.graph().degree(i)};
       total_degree_ += nodes_[a].degree;
     }
   }
@@ -93,11 +94,16 @@ class LocalOperator {
 
   /// Of every column of x and of y, x^T D y.
   Row products(const Vectors& x, const Vectors& y) const {
-    return block_sum<Zeroed<Row>>(
-               num_nodes(), num_threads_,
-               [&](Index a) {
-                 return Row(nodes_[a].degree * x[a].cwiseProduct(y[a]).colwise().sum().array());
-               })
+    return block_sum<Zeroed<Row>>(num_nodes(), num_threads_,
+                                  [&](Index a) {
+                                    Row row;
+                                    for (int c = 0; c < C; ++c) {
+                                      row(c) = x[a](0, c) * y[a](0, c) + x[a](1, c) * y[a](1, c) +
+                                               x[a](2, c) * y[a](2, c);
+                                      row(c) *= nodes_[a].degree;
+                                    }
+                                    return row;
+                                  })
         .value;
   }
 
@@ -113,8 +119,10 @@ class LocalOperator {
       }
     }
     project(z);
-    const Row length = products(z, z).sqrt();
-    for (Block& block : z) block.array().rowwise() /= length;
+    const Row squares = products(z, z);
+    for (Block& block : z) {
+      for (Eigen::Index k = 0; k < block.size(); ++k) block(k) /= std::sqrt(squares(k / 3));
+    }
     return z;
   }
 

@@ -9,6 +9,7 @@
 #include <rotavg/graph/breadth_first.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/graph/series.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -86,7 +87,7 @@ class CheckedPart {
       if (!is_bridge(edge)) continue;
       const Edge& e = graph_.edges()[edge];
       const Matrix3 parent_from_node = e.i == parent ? e.i_from_j : e.i_from_j.transpose();
-      turn[node] *= R[parent] * parent_from_node * R[node].transpose();
+      turn[node] *= product_transposed(R[parent] * parent_from_node, R[node]);
     }
     for (std::size_t i = 0; i < R.size(); ++i) R[i] = turn[i] * R[i];
     return R;

@@ -6,9 +6,8 @@
 #include <stdexcept>
 #include <string>
 
-#include <Eigen/LU>
-
 #include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
@@ -88,8 +87,8 @@ inline Matrix3 check_measurement(Index k, const RelativeRotation& m) {
     refuse("the matrix is not a rotation: R^T R differs from the identity by ", error,
            "; expected at most ", max_orthogonality_error);
   }
-  if (R.determinant() < 0.0) {
-    refuse("the matrix is not a rotation: its determinant is ", R.determinant(),
+  if (determinant(R) < 0.0) {
+    refuse("the matrix is not a rotation: its determinant is ", determinant(R),
            " (a reflection); expected +1");
   }
   return error > negligible_orthogonality_error ? nearest_rotation(R) : R;

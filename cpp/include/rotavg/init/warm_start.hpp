@@ -12,6 +12,7 @@
 #include <rotavg/graph/node_rows.hpp>
 #include <rotavg/init/spanning_tree.hpp>
 #include <rotavg/problem/check_rotations.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -63,7 +64,8 @@ inline Rotations join_pieces(const MeasurementGraph& graph, Rotations R, std::ve
   std::vector<RelativeRotation> between;
   for (const Edge& e : graph.edges()) {
     if (piece[e.i] == piece[e.j]) continue;
-    between.push_back({piece[e.i], piece[e.j], R[e.i] * e.i_from_j * R[e.j].transpose(), e.weight});
+    between.push_back(
+        {piece[e.i], piece[e.j], product_transposed(R[e.i] * e.i_from_j, R[e.j]), e.weight});
   }
   if (between.empty()) return R;
   std::vector<NodeId> pieces(nodes.size());

@@ -4,11 +4,10 @@
 #include <stdexcept>
 #include <string>
 
-#include <Eigen/LU>
-
 #include <rotavg/graph/measurement.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -42,12 +41,12 @@ inline Rotations checked_rotations(const MeasurementGraph& graph, Rotations R) {
   }
   for (Index i = 0; i < graph.num_nodes(); ++i) {
     const double error = orthogonality_error(R[i]);
-    const double determinant = R[i].determinant();
-    if (!(error <= max_orthogonality_error && determinant > 0.0)) {
+    const double det = determinant(R[i]);
+    if (!(error <= max_orthogonality_error && det > 0.0)) {
       std::ostringstream reason;
       reason.precision(6);
       reason << "is not a rotation: R^T R differs from the identity by " << error
-             << " and the determinant is " << determinant << "; expected at most "
+             << " and the determinant is " << det << "; expected at most "
              << max_orthogonality_error << ", and 1";
       throw InvalidRotation(i, reason.str());
     }

@@ -9,6 +9,7 @@
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/so3/lie.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -37,16 +38,18 @@ inline void apply_hessian(const ResidualQuaternions& residuals, const NodeVector
   const MeasurementGraph& graph = residuals.graph();
   result.resize(w.rows(), 3);
   parallel_for(graph.num_nodes(), residuals.num_threads(), [&](Index i) {
-    const Vector3 w_i = w.row(i).transpose();
+    const Vector3 w_i(w(i, 0), w(i, 1), w(i, 2));
     Vector3 sum = Vector3::Zero();
     for (const HalfEdge& h : graph.row(i)) {
       const Vector4& e = residuals()[h.edge()];
-      const Vector3 v = e.head<3>(), w_j = w.row(h.node).transpose();
+      const Vector3 v = e.head<3>(), w_j(w(h.node, 0), w(h.node, 1), w(h.node, 2));
       const Vector3 d = w_i - w_j;
       const double s = h.is_i() ? e.w() : -e.w();
-      sum += s * (s * d - v.cross(w_j)) - v.dot(d) * v;
+      const Vector3 v_w = v.cross(w_j);
+      const double v_d = v.dot(d);
+      for (int k = 0; k < 3; ++k) sum(k) += s * (s * d(k) - v_w(k)) - v_d * v(k);
     }
-    result.row(i) = 4.0 * sum.transpose();
+    for (int k = 0; k < 3; ++k) result(i, k) = 4.0 * sum(k);
   });
 }
 
@@ -58,9 +61,8 @@ inline BlockCholesky<3>::Blocks hessian_blocks(const ResidualQuaternions& residu
   const auto symmetric_part = [&](Index edge) -> Matrix3 {
     const Vector4& e = residuals()[edge];
     const Vector3 v = e.head<3>();
-    Matrix3 block = v * v.transpose();
-    block *= -4.0;
-    for (int k = 0; k < 3; ++k) block(k, k) += 4.0 * e.w() * e.w();
+    Matrix3 block = outer_product(-4.0 * v, v);
+    add_to_diagonal(block, 4.0 * e.w() * e.w());
     return block;
   };
   return elimination.assemble<3>(
@@ -71,7 +73,10 @@ inline BlockCholesky<3>::Blocks hessian_blocks(const ResidualQuaternions& residu
       },
       [&](Index k) -> Matrix3 {
         const Vector4& e = residuals()[k];
-        return -symmetric_part(k) - 4.0 * e.w() * hat(e.head<3>());
+        Matrix3 block = hat(e.head<3>());
+        block *= 4.0 * e.w();
+        block += symmetric_part(k);
+        return -block;
       });
 }
 

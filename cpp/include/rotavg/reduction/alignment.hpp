@@ -7,6 +7,7 @@
 #include <rotavg/reduction/gravity.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -31,12 +32,12 @@ inline Rotations aligned_with_priors(const GroundedGraph& problem, const std::ve
   for (const Index c : label) num_components = std::max(num_components, c + 1);
   Rotations profile(static_cast<std::size_t>(num_components), Matrix3::Zero());
   const auto add = [&](const CheckedPriors::Rotation& p, double weight) {
-    profile[label[p.node]] += weight * p.world_from_node * R[p.node].transpose();
+    profile[label[p.node]] += weight * product_transposed(p.world_from_node, R[p.node]);
   };
   for (const auto& p : priors.fixed) add(p, firm);
   for (const auto& p : priors.absolute) add(p, p.weight);
   for (const auto& p : priors.gravity) {
-    profile[label[p.node]] += 2.0 * p.weight * priors.down * (R[p.node] * p.down).transpose();
+    profile[label[p.node]] += 2.0 * p.weight * outer_product(priors.down, R[p.node] * p.down);
   }
   for (Matrix3& turn : profile) {
     turn = turn.isZero(0.0) ? Matrix3(Matrix3::Identity()) : nearest_rotation(turn);

@@ -6,13 +6,12 @@
 #include <string>
 #include <vector>
 
-#include <Eigen/LU>
-
 #include <rotavg/graph/measurement.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/graph/node_rows.hpp>
 #include <rotavg/reduction/priors.hpp>
 #include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -58,8 +57,8 @@ class PriorCheck {
   }
 
   static Matrix3 rotation(PriorKind kind, NodeId node, const Matrix3& R) {
-    const double error = (R.transpose() * R - Matrix3::Identity()).cwiseAbs().maxCoeff();
-    if (!(error <= max_orthogonality_error) || R.determinant() < 0.0) {
+    const double error = orthogonality_error(R);
+    if (!(error <= max_orthogonality_error) || determinant(R) < 0.0) {
       throw InvalidPrior(kind, node, "is no rotation, expected R^T R = I and det R = 1");
     }
     return nearest_rotation(R);

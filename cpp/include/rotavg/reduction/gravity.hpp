@@ -5,6 +5,7 @@
 
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -19,7 +20,9 @@ namespace rotavg {
 
 /// The half turn about a unit vector.
 inline Matrix3 half_turn(const Vector3& axis) {
-  return 2.0 * axis * axis.transpose() - Matrix3::Identity();
+  Matrix3 turn = outer_product(2.0 * axis, axis);
+  add_to_diagonal(turn, -1.0);
+  return turn;
 }
 
 /// A rotation that takes the unit vector a to the unit vector b: two half turns, about a and then

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -39,7 +40,7 @@ struct Riding {
 
   /// C_i R_ij C_j^T, bit by bit R_ij where both ends are variables themselves.
   Matrix3 between(Index i, const Matrix3& i_from_j, Index j) const {
-    return variable_from_node[i] * i_from_j * variable_from_node[j].transpose();
+    return product_transposed(variable_from_node[i] * i_from_j, variable_from_node[j]);
   }
 
   /// R_i = Q_v(i) C_i (n,) from those of the variables.

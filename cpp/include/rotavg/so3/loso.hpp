@@ -1,10 +1,10 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 
-#include <Eigen/LU>
-#include <Eigen/SVD>
-
+#include <rotavg/so3/small_products.hpp>
+#include <rotavg/so3/svd.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
@@ -18,20 +18,20 @@ namespace rotavg {
 /// is returned. This is the reference that the fast kernel in nearest.hpp is held against.
 inline Matrix3 loso(const Matrix3& A) {
   // The minimiser does not depend on the scale of A; the products inside the SVD do.
-  const double scale = A.cwiseAbs().maxCoeff();
-  const Matrix3 scaled = scale > 0.0 ? Matrix3(A / scale) : Matrix3::Zero();
+  double scale = 0.0;
+  for (int k = 0; k < 9; ++k) scale = std::max(scale, std::abs(A(k)));
+  Matrix3 scaled = A;
+  if (scale > 0.0) scaled /= scale;
 
   // A = U D V^T, singular values falling
-  const Eigen::JacobiSVD<Matrix3> svd(scaled, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Matrix3& U = svd.matrixU();
-  const Matrix3& V = svd.matrixV();
+  auto [U, D, V] = singular_values(scaled);
 
   // det U det V = 1: Sigma = diag(-1, -1, +1), the +1 on the smallest singular value.
-  // Otherwise V^ = -V and Sigma = I.
-  if (U.determinant() * V.determinant() > 0.0) {
-    return V * Vector3(-1.0, -1.0, 1.0).asDiagonal() * U.transpose();
-  }
-  return -V * U.transpose();
+  // Otherwise V^ = -V and Sigma = I: together Sigma = -I.
+  Vector3 Sigma(-1.0, -1.0, 1.0);
+  if (determinant(U) * determinant(V) < 0.0) Sigma(2) = -1.0;
+  for (int k = 0; k < 9; ++k) V(k) *= Sigma(k / 3);
+  return product_transposed(V, U);
 }
 
 }  // namespace rotavg

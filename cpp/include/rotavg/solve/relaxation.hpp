@@ -16,6 +16,7 @@
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -50,8 +51,7 @@ class SemidefiniteRelaxation {
     S_.resize(Y_.rows(), 3);
     parallel_for(n, num_threads_, [&](Index j) {
       for (Index i = 0; i < n; ++i) {
-        const Matrix3 i_from_j = R[i].transpose() * R[j];
-        block(i, j) = 0.5 * i_from_j;
+        block(i, j) = 0.5 * transposed_product(R[i], R[j]);
       }
       block(j, j).setIdentity();
     });
@@ -73,9 +73,9 @@ class SemidefiniteRelaxation {
     Matrix3 M = Matrix3::Zero();  // W^T B W
     for (const HalfEdge& h : graph_.row(k)) {
       const Matrix3 W_q = measured(h, k), S_q = S_.middleRows<3>(3 * Eigen::Index{h.node});
-      M += W_q.transpose() * S_q;
+      M += transposed_product(W_q, S_q);
     }
-    const Matrix3 root = inverse_root(0.5 * (M + M.transpose()));
+    const Matrix3 root = inverse_root(symmetric_part(M));
     for (Eigen::Index row = 0; row < S_.rows(); ++row) {
       const double s[3] = {S_(row, 0), S_(row, 1), S_(row, 2)};
       for (int c = 0; c < 3; ++c) {
@@ -150,7 +150,7 @@ class SemidefiniteRelaxation {
     for (int k = 0; k < 3; ++k) {
       if (!(eigen.values(k) > rounding)) continue;
       const Vector3 v = eigen.vectors.col(k) / std::sqrt(std::sqrt(eigen.values(k)));
-      result += v * v.transpose();
+      result += outer_product(v, v);
     }
     return result;
   }

@@ -11,7 +11,6 @@
 #include <vector>
 
 #include <Eigen/Core>
-#include <Eigen/LU>
 
 #include <rotavg/certify/bound.hpp>
 #include <rotavg/certify/certificate_matrix.hpp>
@@ -25,6 +24,7 @@
 #include <rotavg/problem/lifted.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/solve/lifted_newton.hpp>
 #include <rotavg/solve/options.hpp>
 
@@ -84,7 +84,7 @@ class Staircase {
     Eigen::MatrixXd X = combinations(at_.Z, principal.vectors.rightCols<3>());
     double orientation = 0.0;  // the three dimensions may come as a reflection
     for (Index a = 0; a < problem_.num_nodes(); ++a) {
-      orientation += Matrix3(X.middleRows<3>(3 * a)).determinant();
+      orientation += determinant(X.middleRows<3>(3 * a));
     }
     if (orientation < 0.0) X.col(0) *= -1.0;
     Rotations R = R_;

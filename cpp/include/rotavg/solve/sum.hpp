@@ -24,8 +24,9 @@ namespace detail {
 /// 4 (y^T K y - x^T K x) of unit vectors, without cancellation where they are close.
 inline double gain(const Matrix4& K, const Vector4& x, const Vector4& y) {
   const Vector4 d = x.dot(y) < 0.0 ? Vector4(y + x) : Vector4(y - x);
-  const double value = y.dot(K * y);
-  return 4.0 * d.dot(value * (d - 2.0 * y) - K * (d - 2.0 * y));
+  const Vector4 Ky = K * y, opposite = d - 2.0 * y;  // -(x + y), or its like
+  const Vector4 K_opposite = K * opposite;
+  return 4.0 * (y.dot(Ky) * d.dot(opposite) - d.dot(K_opposite));
 }
 
 /// What the step of a node promises to gain, and |R - R'|_F^2.

@@ -24,6 +24,7 @@
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/so3/quaternion.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/solve/anisotropic_impl.hpp>
 #include <rotavg/types.hpp>
 #include <rotavg/uncertainty/covariance.hpp>
@@ -105,8 +106,8 @@ class ComponentCovariances {
         cross = columns.middleRows<3>(3 * b);
       }
       const Matrix3 sum = marginal(a) + marginal(b) - cross - cross.transpose();
-      result[k] = without_held_turn(
-          pairs[k], scale_ * (0.5 * (sum + sum.transpose()) - share_of_turns(pairs[k])));
+      result[k] =
+          without_held_turn(pairs[k], scale_ * (symmetric_part(sum) - share_of_turns(pairs[k])));
     }
     return CovarianceStatus::computed;
   }
@@ -123,7 +124,7 @@ class ComponentCovariances {
     for (const FreeTurn& turn : options_.free_turns) {
       if (components_.label[turn.held] != elimination_.component()) continue;
       H[elimination_.pattern().start[row_of(turn.held)]] +=
-          stiffness(turn) * turn.axis * turn.axis.transpose();
+          stiffness(turn) * outer_product(turn.axis, turn.axis);
     }
   }
   double stiffness(const FreeTurn& turn) const { return residuals_.graph().degree(turn.held); }
@@ -133,7 +134,8 @@ class ComponentCovariances {
     for (const FreeTurn& turn : options_.free_turns) {
       const bool seen_from_root = row_of(pair.base) < 0 && pair.node == turn.held;
       if (!seen_from_root && !(row_of(pair.node) < 0 && pair.base == turn.held)) continue;
-      const Matrix3 across = Matrix3::Identity() - turn.axis * turn.axis.transpose();
+      Matrix3 across = outer_product(-turn.axis, turn.axis);
+      add_to_diagonal(across, 1.0);
       return across * C * across;
     }
     return C;

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+// Products of 3 x 3 matrices as plain loops. An expression of Eigen's is a chain of types, and
+// every further form of one costs a compiler some 20 ms and 2 MB; these cost nothing, however often
+// used.
+
+/// A^T B.
+inline Matrix3 transposed_product(const Matrix3& A, const Matrix3& B) {
+  Matrix3 C;
+  for (int c = 0; c < 3; ++c) {
+    for (int r = 0; r < 3; ++r) {
+      C(r, c) = A(0, r) * B(0, c) + A(1, r) * B(1, c) + A(2, r) * B(2, c);
+    }
+  }
+  return C;
+}
+
+/// A B^T.
+inline Matrix3 product_transposed(const Matrix3& A, const Matrix3& B) {
+  Matrix3 C;
+  for (int c = 0; c < 3; ++c) {
+    for (int r = 0; r < 3; ++r) {
+      C(r, c) = A(r, 0) * B(c, 0) + A(r, 1) * B(c, 1) + A(r, 2) * B(c, 2);
+    }
+  }
+  return C;
+}
+
+/// a b^T.
+inline Matrix3 outer_product(const Vector3& a, const Vector3& b) {
+  Matrix3 C;
+  for (int c = 0; c < 3; ++c) {
+    for (int r = 0; r < 3; ++r) C(r, c) = a(r) * b(c);
+  }
+  return C;
+}
+
+/// (A + A^T) / 2.
+inline Matrix3 symmetric_part(const Matrix3& A) {
+  Matrix3 S;
+  for (int c = 0; c < 3; ++c) {
+    for (int r = 0; r < 3; ++r) S(r, c) = 0.5 * (A(r, c) + A(c, r));
+  }
+  return S;
+}
+
+/// A <- A + x I.
+inline void add_to_diagonal(Matrix3& A, double x) {
+  for (int k = 0; k < 3; ++k) A(k, k) += x;
+}
+
+inline double determinant(const Matrix3& A) {
+  return A(0, 0) * (A(1, 1) * A(2, 2) - A(1, 2) * A(2, 1)) +
+         A(0, 1) * (A(1, 2) * A(2, 0) - A(1, 0) * A(2, 2)) +
+         A(0, 2) * (A(1, 0) * A(2, 1) - A(1, 1) * A(2, 0));
+}
+
+}  // namespace rotavg
