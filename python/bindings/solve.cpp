@@ -64,6 +64,21 @@ py::object prior_verdicts(const rotavg::PriorVerdicts& v) {
                   py::arg("weights") = from_vector(v.weights), py::arg("is_outlier") = is_outlier);
 }
 
+py::dict alternative_dict(const rotavg::Alternative& a) {
+  py::list bundles, missing;
+  for (const rotavg::Bundle& b : a.bundles) {
+    bundles.append(py::make_tuple(b.group, b.other_group, b.edges, b.weight, b.alternative_edges,
+                                  b.alternative_weight));
+  }
+  for (const auto& [i, j] : a.missing) missing.append(py::make_tuple(i, j));
+  return py::dict(py::arg("rotations") = from_rotations(a.rotations),
+                  py::arg("group") = from_vector(a.group), py::arg("bundles") = bundles,
+                  py::arg("voices") = py::make_tuple(a.evidence.voices, a.evidence.other_voices),
+                  py::arg("edges") = py::make_tuple(a.evidence.edges(), a.evidence.other_edges()),
+                  py::arg("closure") = py::make_tuple(a.answer_closure, a.closure),
+                  py::arg("missing") = missing);
+}
+
 py::dict robust_dict(const rotavg::RobustSolution& s) {
   py::list verdicts;
   for (const rotavg::EdgeVerdict verdict : s.verdicts.edges) verdicts.append(name_of(verdict));
@@ -77,6 +92,9 @@ py::dict robust_dict(const rotavg::RobustSolution& s) {
   result["edge_scales"] = from_vector(s.edge_scales);
   result["edge_verdicts"] = verdicts;
   result["part"] = from_vector(s.verdicts.part);
+  py::list alternatives;
+  for (const rotavg::Alternative& a : s.alternatives) alternatives.append(alternative_dict(a));
+  result["alternatives"] = alternatives;
   result["absolute_priors"] = prior_verdicts(s.absolute);
   result["gravity_priors"] = prior_verdicts(s.gravity);
   return result;

@@ -25,6 +25,8 @@ def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:
         "outliers": int(solution.is_outlier.sum()),
         "verdicts": dict(Counter(r.edge_verdicts.tolist())),
         "parts": r.num_parts,
+        "weak_parts": r.num_parts - solution.num_components,
+        "alternatives": [alternative.summary() for alternative in r.alternatives],
         "prior_outliers": {
             kind: fit.nodes[fit.is_outlier].tolist()
             for kind, fit in (("absolute", r.absolute_priors), ("gravity", r.gravity_priors))

@@ -34,11 +34,13 @@ class RobustSection:
     Attributes:
         figures: names and values.
         verdicts: how many edges have which.
+        alternatives: the edges that decide between stories; None without.
         said: sentences.
     """
 
     figures: list[tuple[str, str]]
     verdicts: Table
+    alternatives: Table | None
     said: tuple[str, ...]
 
 
@@ -58,6 +60,7 @@ def robust_section(solution: Solution) -> RobustSection | None:
             ("weighted objective", f"{solution.objective:.9g}"),
         ],
         _verdicts(fit),
+        _alternatives(solution),
         _said(solution, fit),
     )
 
@@ -124,7 +127,36 @@ def _said(solution: Solution, fit: RobustFit) -> tuple[str, ...]:
             "outliers alone: how such a part is turned against the rest rests on distrusted edges. "
             "Treat it as a model of its own."
         )
+    said += [f"Another story stands: {a.sentence}." for a in fit.alternatives]
+    if fit.alternatives:
+        said.append(
+            "Where one thing looks like another, either answer may be the folded one, and no cost "
+            "can tell: look at the photographs of the pairs below."
+        )
     return tuple(said)
+
+
+def _alternatives(solution: Solution) -> Table | None:
+    fit = solution.robust
+    if fit is None or not fit.alternatives:
+        return None
+    rows: list[list[Cell]] = []
+    for number, story in enumerate(fit.alternatives, 1):
+        pairs = ", ".join(f"{i}-{j}" for i, j in story.missing[:8].tolist())
+        for bundle in story.bundles:
+            sizes = " / ".join(str(int((story.group == group).sum())) for group in bundle.groups)
+            rows.append(
+                [
+                    number, sizes, bundle.edges, bundle.weight, bundle.alternative_edges,
+                    bundle.alternative_weight, pairs,
+                ]
+            )  # fmt: skip
+    return Table(
+        "The edges that decide between this answer and others.",
+        ["story", "nodes in the groups", "edges for", "weight", "edges against", "weight ",
+         "ought to match and do not"],
+        rows,
+    )  # fmt: skip
 
 
 def _thinned(rows: NDArray[np.int64], degrees: NDArray[np.float64]) -> NDArray[np.int64]:

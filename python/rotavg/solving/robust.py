@@ -16,6 +16,7 @@ from rotavg.graph.ids import IdArray, as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.priors import Priors
 from rotavg.solving import options
+from rotavg.solving.stories import Alternative
 
 # Above this share of cycles, what least squares leave of an edge's noise is nearly all of it; with
 # more edges, finding how much would take too long.
@@ -78,6 +79,8 @@ class RobustFit:
             each other rest on distrusted edges alone.
         absolute_priors: what became of absolute priors; None without, or if they were not judged.
         gravity_priors: the same of gravity.
+        alternatives: other answers that the evidence does not rule out (loss "auto" alone looks for
+            them, and not where an initial value is given).
     """
 
     loss: str
@@ -91,15 +94,17 @@ class RobustFit:
     part: NDArray[np.int32]
     absolute_priors: PriorFit | None = None
     gravity_priors: PriorFit | None = None
+    alternatives: tuple[Alternative, ...] = ()
 
     @classmethod
-    def from_core(cls, core: dict[str, Any]) -> RobustFit:
+    def from_core(cls, core: dict[str, Any], graph: MeasurementGraph) -> RobustFit:
         """From what the core returns."""
         arrays: dict[str, Any] = {
             "edge_weights": read_only(core["edge_weights"]),
             "edge_scales": read_only(core["edge_scales"]),
             "edge_verdicts": read_only(np.array(core["edge_verdicts"], dtype=np.str_)),
             "part": read_only(core["part"]),
+            "alternatives": tuple(Alternative.from_core(a, graph) for a in core["alternatives"]),
         }
         for kind in ("absolute_priors", "gravity_priors"):
             if core[kind] is not None:
@@ -178,7 +183,23 @@ class RobustFit:
                     f"outliers alone ({counts['weak_part']} edges)",
                 )
             )
+        rows += [("alternative", alternative.sentence) for alternative in self.alternatives]
         return rows
+
+    def proof_sentence(self, sentence: str, num_components: int) -> str:
+        """What a certificate proves of the answer, `sentence`, and what speaks against it."""
+        rejected = int((~np.isin(self.edge_verdicts, ("inlier", "bridge", "trusted"))).sum())
+        said = f"{sentence} of the least squares on the edges it kept"
+        doubts = [f"{rejected} of {len(self.edge_verdicts)} edges rejected"]
+        weak = self.num_parts - num_components
+        if weak > 0:
+            doubts.append(f"{weak} part{'s' * (weak > 1)} on rejected edges only")
+        if self.alternatives:
+            some = len(self.alternatives)
+            doubts.append(
+                "another story stands" if some == 1 else f"{some} other stories stand"
+            )
+        return f"{said}; {', '.join(doubts)}"
 
 
 @dataclass(frozen=True, eq=False)

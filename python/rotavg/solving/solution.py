@@ -216,7 +216,9 @@ class Solution(NodeMapping):
     def _verdict_sentence(self, c: Certificate) -> str:
         if c.verdict == Verdict.NOT_CERTIFIED and not self.status.converged:
             return "not certified: not converged yet"
-        return c.sentence + ("" if self.robust is None else ", for the final weights of the edges")
+        if self.robust is None:
+            return c.sentence
+        return self.robust.proof_sentence(c.sentence, self.num_components)
 
     def __repr__(self) -> str:
         verdict = "no certificate" if self.certificate is None else str(self.certificate.verdict)

@@ -217,7 +217,7 @@ def solve(
     )
     robust = None
     if "robust" in core:
-        robust = RobustFit.from_core(core["robust"])
+        robust = RobustFit.from_core(core["robust"], graph)
         if priors is not None and grounded is not None:
             robust = robust.with_priors(graph, priors)
             grounded = grounded.with_prior_weights(robust.absolute_priors, robust.gravity_priors)

@@ -1,13 +1,14 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
+#include <utility>
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/graph/series.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/verdicts.hpp>
-#include <rotavg/robust/votes.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -15,50 +16,120 @@
 
 namespace rotavg {
 
-/// Lets whole parts vote as take_votes() lets nodes: where a street joins the next by three edges
-/// that agree, a wrong one of great weight may hold them, and no node can move alone. Parts are what
-/// edges within the threshold hold together without bridges; every edge between two parts, bridges
-/// and outliers alike, has one voice on their rotation relative to each other.
+namespace detail {
+
+/// How a rejected edge would have a side turned, and the chord up to which others agree with it.
+struct Ballot {
+  Matrix3 turn;
+  double most2;
+};
+
+/// How much other ballots than the best agree with a turn: as any turn meets one of them exactly,
+/// whatever that one says, one does not count.
+inline double support(const std::vector<Ballot>& ballots, const Matrix3& turn) {
+  double sum = 0.0, best = 0.0;
+  for (const Ballot& b : ballots) {
+    const double x = std::max(0.0, 3.0 - turn.cwiseProduct(b.turn).sum());
+    const double agreement = 1.0 / (1.0 + x / b.most2);
+    sum += agreement;
+    best = std::max(best, agreement);
+  }
+  return sum - best;
+}
+
+}  // namespace detail
+
+/// Lets whole sides of a graph vote as take_votes() lets nodes: where a street joins the next by two
+/// edges that agree, a wrong one of great weight may hold it, and no node can move alone. Of the
+/// edges within the threshold those are looked at without which a component would fall apart: the
+/// outliers across the same cut have one voice each, as the edge has, on how what lies beyond is
+/// turned.
 ///
 /// @param x squared residuals (m,)
 /// @param precision (m,) in whose units they are judged; empty: all 1
 /// @param threshold a chord; edges with larger residuals hold nothing
 /// @param R world_from_i, changed in place
-/// @returns how many parts moved, each as often as it did
+/// @returns how many sides were turned; none lies within another
 inline Index take_part_votes(const MeasurementGraph& graph, const std::vector<double>& precision,
                              const std::vector<double>& x, double threshold, Rotations& R) {
-  std::vector<bool> holds(x.size());
-  for (std::size_t k = 0; k < x.size(); ++k) {
-    holds[k] = precision_of(precision, k) * x[k] <= threshold * threshold;
-  }
-  std::vector<bool> left_out = holds;
-  left_out.flip();
+  constexpr std::size_t most_candidates = 48;
+  constexpr double clearly = 0.3;
+  const double threshold2 = threshold * threshold;
+  const auto units = [&](Index k) { return precision_of(precision, k); };
+  std::vector<bool> left_out(x.size()), holds(x.size());
+  for (std::size_t k = 0; k < x.size(); ++k) left_out[k] = units(k) * x[k] > threshold2;
   const Series series = series_of(graph, left_out);
-  for (std::size_t k = 0; k < x.size(); ++k) holds[k] = holds[k] && series.label[k] >= 0;
+  for (std::size_t k = 0; k < x.size(); ++k) holds[k] = !left_out[k] && series.label[k] >= 0;
   const std::vector<Index> part = parts_joined_by(graph, holds);
-  std::vector<RelativeRotation> between;
-  std::vector<double> units;
+  const Index parts = part.empty() ? 0 : 1 + *std::max_element(part.begin(), part.end());
+
+  // The trees in which these edges join parts.
+  std::vector<std::vector<Index>> joined(parts);
   for (Index k = 0; k < graph.num_edges(); ++k) {
     const Edge& e = graph.edges()[k];
-    if (part[e.i] == part[e.j]) continue;
-    RelativeRotation m;  // turn_i R_i R_ij = turn_j R_j
-    m.i = part[e.i];
-    m.j = part[e.j];
-    m.i_from_j = R[e.i] * e.i_from_j * R[e.j].transpose();
-    between.push_back(m);
-    units.push_back(precision_of(precision, k));
+    if (left_out[k] || part[e.i] == part[e.j]) continue;
+    joined[part[e.i]].push_back(k);
+    joined[part[e.j]].push_back(k);
   }
-  if (between.empty()) return 0;
-  const MeasurementGraph parts(between);
-  Rotations turns(parts.nodes().size(), Matrix3::Identity());
-  const Index moved = take_votes(parts, std::vector<double>(between.size(), 1.0), units,
-                                 {Loss::geman_mcclure, threshold}, turns);
+  std::vector<Index> parent(parts, -1), depth(parts, -1), order;
+  for (Index root = 0; root < parts; ++root) {
+    if (depth[root] >= 0) continue;
+    depth[root] = 0;
+    order.push_back(root);
+    for (std::size_t at = order.size() - 1; at < order.size(); ++at) {
+      const Index p = order[at];
+      for (const Index k : joined[p]) {
+        const Edge& e = graph.edges()[k];
+        const Index q = part[e.i] == p ? part[e.j] : part[e.i];
+        if (depth[q] >= 0) continue;
+        depth[q] = depth[p] + 1;
+        parent[q] = p;
+        order.push_back(q);
+      }
+    }
+  }
+
+  std::vector<std::vector<detail::Ballot>> ballots(parts);  // on what hangs on a part
+  for (Index k = 0; k < graph.num_edges(); ++k) {
+    const Edge& e = graph.edges()[k];
+    Index i = part[e.i], j = part[e.j];
+    if (!left_out[k] || i == j || !(units(k) > 0.0)) continue;
+    const Matrix3 of_j = R[e.i] * e.i_from_j * R[e.j].transpose();
+    const double most2 = threshold2 / units(k);
+    std::vector<std::pair<Index, bool>> path;
+    while (i != j && i >= 0 && j >= 0) {
+      const bool from_i = depth[i] >= depth[j];
+      path.emplace_back(from_i ? i : j, from_i);
+      (from_i ? i : j) = parent[from_i ? i : j];
+    }
+    if (i != j) continue;  // of two trees
+    for (const auto& [side, from_i] : path) {
+      ballots[side].push_back({from_i ? Matrix3(of_j.transpose()) : of_j, most2});
+    }
+  }
+
+  std::vector<Matrix3> turn(parts, Matrix3::Identity());
+  std::vector<bool> turned(parts, false);
+  Index moved = 0;
+  for (const Index p : order) {
+    if (parent[p] < 0) continue;
+    turn[p] = turn[parent[p]];
+    turned[p] = turned[parent[p]];
+    std::vector<detail::Ballot>& cast = ballots[p];
+    if (turned[p] || cast.size() < 2) continue;
+    double most = detail::support(cast, Matrix3::Identity()) + clearly;
+    const std::size_t stride = 1 + (cast.size() - 1) / most_candidates;
+    for (std::size_t k = 0; k < cast.size(); k += stride) {
+      const double support = detail::support(cast, cast[k].turn);
+      if (support <= most) continue;
+      most = support;
+      turn[p] = cast[k].turn;
+      turned[p] = true;
+    }
+    moved += turned[p];
+  }
   if (moved == 0) return 0;
-  std::vector<Index> row(R.size(), -1);  // of a part
-  for (Index k = 0; k < parts.num_nodes(); ++k) row[parts.nodes()[k]] = k;
-  for (std::size_t i = 0; i < R.size(); ++i) {
-    if (row[part[i]] >= 0) R[i] = turns[row[part[i]]] * R[i];
-  }
+  for (std::size_t i = 0; i < R.size(); ++i) R[i] = turn[part[i]] * R[i];
   return moved;
 }
 

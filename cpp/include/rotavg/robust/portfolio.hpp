@@ -77,6 +77,26 @@ inline Story polished(RobustRun& run, const MeasurementGraph& graph,
 
 }  // namespace detail
 
+/// Keys (m,) of a tree that takes edges first which an answer rejects, though the neighbourhoods of
+/// their ends overlap as if they were right; empty if these are few.
+inline std::vector<double> rejected_and_coherent(const std::vector<double>& x,
+                                                 const std::vector<double>& overlap) {
+  constexpr double contradicted = 16.0, many = 0.02, coherent = 0.2, first = 1e3;
+  std::vector<double> key = overlap;
+  const auto middle = key.begin() + static_cast<std::ptrdiff_t>(key.size() / 2);
+  std::nth_element(key.begin(), middle, key.end());
+  const double least = coherent * *middle;
+  key = overlap;
+  std::size_t found = 0;
+  for (std::size_t k = 0; k < x.size(); ++k) {
+    if (x[k] <= contradicted || overlap[k] < least) continue;
+    key[k] *= first;
+    ++found;
+  }
+  if (static_cast<double>(found) < many * static_cast<double>(x.size())) key.clear();
+  return key;
+}
+
 /// Compares what least squares and l1 have found with where other starts lead.
 ///
 /// 1. Where hardly any edge contradicts, there is but one story, and nothing more is done. Nor is
@@ -85,7 +105,8 @@ inline Story polished(RobustRun& run, const MeasurementGraph& graph,
 ///    it tells the same story, that is it.
 /// 3. While the evidence is not clear, trees by overlap alone and, if the weights differ, by both
 ///    and by weight alone.
-/// 4. All are compared at one scale, the noise of the first. A later one takes its place where the
+/// 4. What the rejected edges would say, if many of them agree with one another.
+/// 5. All are compared at one scale, the noise of the first. A later one takes its place where the
 ///    voices of the strongest edges clearly prefer it; what they do not rule out is an alternative.
 ///
 /// @param run that judges residuals in their own units
@@ -179,6 +200,12 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   }
 
   // 4.
+  const std::vector<double> rejected = rejected_and_coherent(stories[best].x, overlap);
+  if (!rejected.empty() && go_on() && run.ended() == Status::not_run) {
+    attempt("the tree of the rejected edges", rejected);
+  }
+
+  // 5.
   std::swap(stories[0], stories[best]);
   for (std::size_t k = 1; k < stories.size(); ++k) {
     if (!differ(stories[0], stories[k])) continue;

@@ -55,6 +55,13 @@ inline void tell_of_measurements(const GroundedGraph& problem, const RobustOptio
   for (const Index v : frames.variable) part.push_back(solution.verdicts.part[v]);
   solution.edge_weights = std::move(weights);
   solution.verdicts = {std::move(verdicts), std::move(part)};
+  for (Alternative& story : solution.alternatives) {
+    std::vector<Index> group;
+    for (const Index v : frames.variable) group.push_back(story.group[v]);
+    story.group = std::move(group);
+    story.rotations = frames.nodes_from(story.rotations);
+    story.missing.clear();  // pairs of frames
+  }
 }
 
 /// Gives the priors their robust weights. First the components turn as a whole, as the priors that
@@ -134,7 +141,13 @@ ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem, const So
   rest.iteration.max_iterations =
       std::max(0, options.iteration.max_iterations - solution.iterations);
   rest.iteration.time_limit = std::max(0.0, options.iteration.time_limit - watch.seconds());
+  const Rotations before = solution.rotations;
   static_cast<Solution&>(solution) = detail::meet_priors(weighted, solution, rest);
+  for (Alternative& story : solution.alternatives) {
+    const auto k = std::find(story.group.begin(), story.group.end(), 0) - story.group.begin();
+    const Matrix3 turn = solution.rotations[k] * before[k].transpose();
+    for (Matrix3& R : story.rotations) R = turn * R;
+  }
   return solution;
 }
 

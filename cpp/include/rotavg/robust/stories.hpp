@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include <rotavg/graph/components.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/robust/evidence.hpp>
 #include <rotavg/robust/verdicts.hpp>
@@ -30,7 +31,7 @@ struct Bundle {
 /// Another answer that explains the graph, too.
 struct Alternative {
   Rotations rotations;       ///< world_from_i, in the gauge of the answer
-  std::vector<Index> group;  ///< (n,) groups that both answers share; 0 is the largest
+  std::vector<Index> group;  ///< (n,) groups that both answers share; 0 is the largest of a component
   Evidence::Comparison evidence;  ///< of the answer against this one
   std::vector<Bundle> bundles;    ///< the heaviest first
   double closure = 0.0;         ///< Evidence::closure of the edges that only this one explains
@@ -61,7 +62,7 @@ inline double step_tolerance(double noise) {
 
 /// The groups (n,) of cameras that two answers place alike: what the relative rotation of an
 /// answer to the other, R_i S_i^T, holds together over the edges, and what agrees with the largest
-/// of these, whose label is 0. A bend along a street is no difference, a step is.
+/// of these in every component, whose label is 0. A bend along a street is no difference, a step is.
 ///
 /// @param tolerance a chord
 inline std::vector<Index> shared_groups(const MeasurementGraph& graph, const Rotations& R,
@@ -75,20 +76,37 @@ inline std::vector<Index> shared_groups(const MeasurementGraph& graph, const Rot
     holds[k] = detail::squared_chord(turn[e.i], turn[e.j]) <= most;
   }
   std::vector<Index> group = parts_joined_by(graph, holds);
+  const Components components = connected_components(graph);
   const Index size = 1 + *std::max_element(group.begin(), group.end());
-  std::vector<Index> count(size, 0), order(size), rank(size, 0);
+  std::vector<Index> count(size, 0), order(size), rank(size, -1), first(size);
   for (const Index g : group) ++count[g];
+  for (std::size_t i = group.size(); i-- > 0;) first[group[i]] = static_cast<Index>(i);
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(),
                    [&](Index a, Index b) { return count[a] > count[b]; });
-  for (Index k = 0; k < size; ++k) rank[order[k]] = k;
-  Rotations first(size, Matrix3::Zero());
-  for (std::size_t i = group.size(); i-- > 0;) first[rank[group[i]]] = turn[i];
-  for (Index& g : group) {
-    g = rank[g];
-    if (detail::squared_chord(first[g], first[0]) <= most) g = 0;
+  std::vector<Index> reference(components.size(), -1);  // the largest group of every component
+  Index labels = 1;
+  for (const Index g : order) {
+    Index& of_component = reference[components.label[first[g]]];
+    if (of_component < 0) of_component = g;
+    const bool same = detail::squared_chord(turn[first[g]], turn[first[of_component]]) <= most;
+    rank[g] = same ? 0 : labels++;
   }
+  for (Index& g : group) g = rank[g];
   return group;
+}
+
+/// Turns every component of an answer so that its largest group is as in another.
+/// @param group as of shared_groups
+inline void adopt_gauge(const MeasurementGraph& graph, const std::vector<Index>& group,
+                        const Rotations& R, Rotations& S) {
+  const Components components = connected_components(graph);
+  Rotations gauge(components.size(), Matrix3::Zero());
+  for (std::size_t i = 0; i < R.size(); ++i) {
+    Matrix3& turn = gauge[components.label[i]];
+    if (group[i] == 0 && turn.isZero()) turn = R[i] * S[i].transpose();
+  }
+  for (std::size_t i = 0; i < R.size(); ++i) S[i] = gauge[components.label[i]] * S[i];
 }
 
 /// What there is to tell of another answer.
@@ -102,10 +120,7 @@ inline Alternative alternative_story(const MeasurementGraph& graph, const Rotati
   constexpr double most = 16.0;
   constexpr std::size_t most_missing = 16, most_bundles = 8;
   Alternative story;
-  const auto reference = std::find(group.begin(), group.end(), 0) - group.begin();
-  const Matrix3 gauge = R[reference] * S[reference].transpose();
-  for (Matrix3& rotation : S) rotation = gauge * rotation;
-
+  adopt_gauge(graph, group, R, S);
   std::map<std::pair<Index, Index>, Bundle> bundles;
   std::vector<Index> only_other;
   for (Index k = 0; k < graph.num_edges(); ++k) {

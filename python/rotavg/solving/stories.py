@@ -1,0 +1,103 @@
+"""Other answers that explain a graph nearly as well as the one that was chosen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg.base.arrays import read_only
+from rotavg.graph.ids import IdArray
+from rotavg.graph.measurement_graph import MeasurementGraph
+
+
+class Bundle(NamedTuple):
+    """The edges between two groups of cameras that decide between two answers.
+
+    Attributes:
+        groups: the labels of both, as in `Alternative.group`.
+        edges: how many the answer explains and the alternative does not.
+        weight: their weights together.
+        alternative_edges: how many the alternative explains and the answer does not.
+        alternative_weight: their weights together.
+    """
+
+    groups: tuple[int, int]
+    edges: int
+    weight: float
+    alternative_edges: int
+    alternative_weight: float
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """Another answer that the evidence does not rule out (docs/robust.md).
+
+    Attributes:
+        rotations: (n, 3, 3) world_from_node, in the gauge of the answer: the largest group that
+            both share has the same rotations.
+        group: (n,) labels of the groups that both answers turn alike; 0 is the largest.
+        nodes: (k,) ids of the nodes in all other groups.
+        bundles: the edges between groups that decide, the heaviest first, at most eight.
+        voices: of the strongest edges (each camera has eight), how many only the answer explains,
+            and how many only the alternative.
+        edges: the same of all edges.
+        closure: of the pairs of cameras with a common neighbour across the edges that only the
+            answer explains, the share that match; the same for the alternative. Where it is less,
+            pairs that ought to match do not.
+        missing: (p, 2) node ids of some of the pairs that ought to match if this were true and do
+            not, at most sixteen.
+    """
+
+    rotations: NDArray[np.float64]
+    group: NDArray[np.int32]
+    nodes: IdArray
+    bundles: tuple[Bundle, ...]
+    voices: tuple[float, float]
+    edges: tuple[int, int]
+    closure: tuple[float, float]
+    missing: IdArray
+
+    @classmethod
+    def from_core(cls, core: dict[str, Any], graph: MeasurementGraph) -> Alternative:
+        """From what the core returns."""
+        group = read_only(core["group"])
+        missing = np.array(core["missing"], dtype=np.intp).reshape(-1, 2)
+        return cls(
+            read_only(core["rotations"]),
+            group,
+            read_only(graph.nodes[group > 0]),
+            tuple(Bundle((a, b), *rest) for a, b, *rest in core["bundles"]),
+            core["voices"],
+            core["edges"],
+            core["closure"],
+            read_only(graph.nodes[missing]),
+        )
+
+    @property
+    def sentence(self) -> str:
+        """What decides, in one line."""
+        few = ", ".join(str(node) for node in self.nodes[:3].tolist())
+        more = ", ..." if len(self.nodes) > 3 else ""
+        return (
+            f"{len(self.nodes)} of {len(self.group)} nodes ({few}{more}) turned otherwise: "
+            f"{self.edges[1]} edges fit that alone, {self.edges[0]} this alone; of the strongest "
+            f"{self.voices[1]:g} and {self.voices[0]:g}; of pairs that ought to match, "
+            f"{100 * self.closure[1]:.0f} % and {100 * self.closure[0]:.0f} % do"
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """As one JSON object."""
+        return {
+            "nodes": self.nodes.tolist(),
+            "groups": int(self.group.max()) + 1,
+            "edges": {"answer": self.edges[0], "alternative": self.edges[1]},
+            "voices": {"answer": self.voices[0], "alternative": self.voices[1]},
+            "closure": {"answer": self.closure[0], "alternative": self.closure[1]},
+            "bundles": [bundle._asdict() for bundle in self.bundles],
+            "missing": self.missing.tolist(),
+            "rotations": self.rotations.tolist(),
+            "sentence": self.sentence,
+        }
