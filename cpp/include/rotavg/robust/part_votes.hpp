@@ -57,7 +57,7 @@ inline Index take_part_votes(const MeasurementGraph& graph, const std::vector<do
   const double threshold2 = threshold * threshold;
   const auto units = [&](Index k) { return precision_of(precision, k); };
   std::vector<bool> left_out(x.size()), holds(x.size());
-  for (std::size_t k = 0; k < x.size(); ++k) left_out[k] = units(k) * x[k] > threshold2;
+  for (Index k = 0; k < graph.num_edges(); ++k) left_out[k] = units(k) * x[k] > threshold2;
   const Series series = series_of(graph, left_out);
   for (std::size_t k = 0; k < x.size(); ++k) holds[k] = !left_out[k] && series.label[k] >= 0;
   const std::vector<Index> part = parts_joined_by(graph, holds);
