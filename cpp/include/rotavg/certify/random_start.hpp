@@ -30,7 +30,7 @@ struct RandomStartOptions {
 
 enum class RandomStartOutcome {
   positive,      ///< no eigenvalue is below the cut, but for the probability
-  negative,      ///< a vector x with x^T S x < 0 was met
+  negative,      ///< a vector x with x^T S x < 0 was met, or the estimate is negative
   inconclusive,  ///< there may be eigenvalues near zero, or more products would be needed
   stopped,
 };
