@@ -18,7 +18,7 @@ from rotavg.cli.solve import solve as solve_command
 from rotavg.graph.conventions import Convention
 from rotavg.io import FORMATS
 from rotavg.solving.robust import Loss
-from rotavg.solving.solve import Init, Method, Mu, Stop
+from rotavg.solving.solve import Init, Method, Mu, Stop, WeightKind
 
 
 def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -250,6 +250,7 @@ def test_the_command_offers_every_choice_of_the_library() -> None:
         if isinstance(p.type, click.Choice)
     }
     choices = {"method": Method, "init": Init, "stop": Stop, "mu": Mu, "loss": Loss}
+    choices["weight_kind"] = WeightKind
     choices["convention"] = Convention
     expected = {name: get_args(words) for name, words in choices.items()}
     expected["format"] = tuple(form.name for form in FORMATS if form.read)

@@ -49,7 +49,7 @@ def test_what_is_certified_is_the_problem_with_the_final_weights() -> None:
     assert rotavg.objective(weighted, solution.rotations) == pytest.approx(solution.objective)
     certificate = rotavg.certify(weighted, solution.rotations)
     assert certificate.verdict == "proved"
-    assert "proved globally optimal, for the final weights of the edges" in str(solution)
+    assert "proved globally optimal of the least squares on the edges it kept" in str(solution)
 
 
 def test_the_weights_are_the_derivative_of_the_loss_at_the_residuals() -> None:

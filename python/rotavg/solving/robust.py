@@ -196,9 +196,7 @@ class RobustFit:
             doubts.append(f"{weak} part{'s' * (weak > 1)} on rejected edges only")
         if self.alternatives:
             some = len(self.alternatives)
-            doubts.append(
-                "another story stands" if some == 1 else f"{some} other stories stand"
-            )
+            doubts.append("another story stands" if some == 1 else f"{some} other stories stand")
         return f"{said}; {', '.join(doubts)}"
 
 

@@ -92,7 +92,8 @@ def solve(
         init: the initial value: "shortest_path" (Lemma 3), "spanning_tree" (along the edges that
             agree best with the triangles around them, after Enqvist, Kahl and Olsson 2011: the one
             for random outliers), "maximum_spanning_tree" (along the edges with the largest weights:
-            the one for repeated structure, where weights are matches), "chordal" (the linear relaxation of Martinec and Pajdla 2007),
+            the one for repeated structure, where weights are matches), "chordal" (the linear
+            relaxation of Martinec and Pajdla 2007),
             "quaternion" (that of Govindu 2001: nearer the optimum where the noise is small, worse
             where there are outliers), "random", rotations (n, 3, 3) world_from_node to start from,
             the Solution of another graph, one that had fewer or more nodes and edges (a warm start:

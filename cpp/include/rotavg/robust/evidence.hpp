@@ -45,7 +45,9 @@ class Evidence {
     }
 
    private:
-    static double lead(double a, double b) { return a + b > 0.0 ? (a - b) / std::sqrt(a + b) : 0.0; }
+    static double lead(double a, double b) {
+      return a + b > 0.0 ? (a - b) / std::sqrt(a + b) : 0.0;
+    }
   };
 
   /// @param graph must outlive this object
@@ -59,8 +61,8 @@ class Evidence {
     for (Index l = 0; l < graph.num_nodes(); ++l) {
       strongest.clear();
       for (const HalfEdge& h : graph.row(l)) strongest.emplace_back(-strength[h.edge()], h.edge());
-      const auto count =
-          std::min<std::ptrdiff_t>(voices_of_a_camera, static_cast<std::ptrdiff_t>(strongest.size()));
+      const auto count = std::min<std::ptrdiff_t>(voices_of_a_camera,
+                                                  static_cast<std::ptrdiff_t>(strongest.size()));
       std::partial_sort(strongest.begin(), strongest.begin() + count, strongest.end());
       for (std::ptrdiff_t k = 0; k < count; ++k) voices_[strongest[k].second] += 1.0;
     }
@@ -93,18 +95,20 @@ class Evidence {
   /// Whether there is no doubt that the first of two answers is the better one.
   ///
   /// Where the other explains many edges that the first does not, one cause makes them all, and
-  /// either answer may be the folded one. Then the voices must be all but unanimous, and the weights
-  /// bear them out; without weights, the pairs that ought to match and do not. Where it explains
-  /// few, chance is the other cause, and the voices decide by their number.
+  /// either answer may be the folded one. Then the voices must be all but unanimous, and the
+  /// weights bear them out; without weights, the pairs that ought to match and do not. Where it
+  /// explains few, chance is the other cause, and the voices decide by their number.
   bool rules_out_other(const std::vector<double>& x, const std::vector<double>& other) const {
     constexpr double many_edges = 0.02, chance = 3.0, clear = 5.0, dissent = 0.03, less = 0.7;
     const Comparison c = compare(x, other);
-    if (c.other_edges() < many_edges * static_cast<double>(voices_.size())) return c.lead() > chance;
+    if (c.other_edges() < many_edges * static_cast<double>(voices_.size()))
+      return c.lead() > chance;
     if (c.lead() <= clear || c.other_voices > dissent * c.voices) return false;
     return uneven_ || closure(c.only_other) < less * closure(c.only_first);
   }
 
-  /// @param x, other squared residuals (m,) in units of the noise: an edge is explained by an answer
+  /// @param x, other squared residuals (m,) in units of the noise: an edge is explained by an
+  /// answer
   ///        if they are clearly smaller, by half of the sixteen up to which they count
   Comparison compare(const std::vector<double>& x, const std::vector<double>& other) const {
     constexpr double most = 16.0;

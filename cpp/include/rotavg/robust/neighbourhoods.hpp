@@ -24,8 +24,8 @@ namespace rotavg {
 class Neighbourhoods {
  public:
   /// @param keep_going asked every few milliseconds; false stops, and the rest counts for nothing
-  explicit Neighbourhoods(const MeasurementGraph& graph,
-                          std::function<bool()> keep_going = [] { return true; })
+  explicit Neighbourhoods(
+      const MeasurementGraph& graph, std::function<bool()> keep_going = [] { return true; })
       : graph_(&graph), keep_going_(std::move(keep_going)) {
     constexpr double most_work = 2e8, enough_work = 4e5;
     double work = 0.0;
@@ -112,7 +112,7 @@ class Neighbourhoods {
 
   const MeasurementGraph* graph_;
   std::function<bool()> keep_going_;
-  Index stride_ = 1;    // of the nodes whose triangles are looked at
+  Index stride_ = 1;   // of the nodes whose triangles are looked at
   double most_ = 0.0;  // squared chord up to which a triangle agrees
 };
 

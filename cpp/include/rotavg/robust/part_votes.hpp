@@ -39,11 +39,11 @@ inline double support(const std::vector<Ballot>& ballots, const Matrix3& turn) {
 
 }  // namespace detail
 
-/// Lets whole sides of a graph vote as take_votes() lets nodes: where a street joins the next by two
-/// edges that agree, a wrong one of great weight may hold it, and no node can move alone. Of the
-/// edges within the threshold those are looked at without which a component would fall apart: the
-/// outliers across the same cut have one voice each, as the edge has, on how what lies beyond is
-/// turned.
+/// Lets whole sides of a graph vote as take_votes() lets nodes: where a street joins the next by
+/// two edges that agree, a wrong one of great weight may hold it, and no node can move alone. Of
+/// the edges within the threshold those are looked at without which a component would fall apart:
+/// the outliers across the same cut have one voice each, as the edge has, on how what lies beyond
+/// is turned.
 ///
 /// @param x squared residuals (m,)
 /// @param precision (m,) in whose units they are judged; empty: all 1

@@ -34,17 +34,17 @@ struct Story {
 /// What a portfolio of starts has found.
 struct Portfolio {
   Story best;
-  bool replaced = false;  ///< by another than the given one
-  std::vector<Story> alternatives;  ///< that differ, and that the evidence does not rule out
+  bool replaced = false;             ///< by another than the given one
+  std::vector<Story> alternatives;   ///< that differ, and that the evidence does not rule out
   std::optional<Evidence> evidence;  ///< if any was needed
-  Index tried = 1;                  ///< starts
-  Index different = 1;              ///< different answers to which they led
+  Index tried = 1;                   ///< starts
+  Index different = 1;               ///< different answers to which they led
 };
 
 namespace detail {
 
-/// A start along a tree, polished: a few reweightings at the scale that its residuals show, votes of
-/// the nodes with their strongest edges, and of the parts.
+/// A start along a tree, polished: a few reweightings at the scale that its residuals show, votes
+/// of the nodes with their strongest edges, and of the parts.
 inline Story polished(RobustRun& run, const MeasurementGraph& graph,
                       const std::vector<double>& voices, double loss_noises, std::string start,
                       Rotations R) {
@@ -62,8 +62,8 @@ inline Story polished(RobustRun& run, const MeasurementGraph& graph,
   R = run.reweighted(R, {Loss::cauchy, loss_noises * noise}, gain, limit).rotations;
   for (int k = 0; k < most_rounds; ++k) {
     noise = noise_now();
-    if (take_part_votes(graph, run.precision(), run.squared_residuals_at(R),
-                        outlier_noises * noise, R) == 0) {
+    if (take_part_votes(graph, run.precision(), run.squared_residuals_at(R), outlier_noises * noise,
+                        R) == 0) {
       break;
     }
     R = run.reweighted(R, {Loss::cauchy, loss_noises * noise}, gain, brief_limit).rotations;
@@ -176,8 +176,8 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   };
   const auto attempt = [&](const char* start, const std::vector<double>& key) {
     ++portfolio.tried;
-    Story story = detail::polished(run, graph, ballots, loss_noises, start,
-                                   along_spanning_tree(graph, key));
+    Story story =
+        detail::polished(run, graph, ballots, loss_noises, start, along_spanning_tree(graph, key));
     units_of(story);
     const bool better = evidence.compare(story.x, stories[best].x).clear();
     bool same = false;

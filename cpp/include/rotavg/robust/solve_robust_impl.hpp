@@ -81,8 +81,7 @@ inline std::vector<Alternative> told(const MeasurementGraph& graph, const Checke
     const std::vector<double> other_x = residuals_at(S);
     auto group = shared_groups(graph, R, S, step_tolerance(noise));
     if (std::all_of(group.begin(), group.end(), [](Index g) { return g == 0; })) continue;
-    alternatives.push_back(
-        alternative_story(graph, R, x, std::move(S), other_x, std::move(group)));
+    alternatives.push_back(alternative_story(graph, R, x, std::move(S), other_x, std::move(group)));
     Alternative& told = alternatives.back();
     told.evidence = portfolio.evidence->compare(part.of_edges(x), part.of_edges(other_x));
     told.closure = portfolio.evidence->closure(told.evidence.only_other);
@@ -222,8 +221,8 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   R = solution.rotations;
   update_residuals();
   if (!portfolio.alternatives.empty()) {
-    solution.alternatives = detail::told(
-        weighted, part, portfolio, R, noise, units.precision, run.num_threads());
+    solution.alternatives =
+        detail::told(weighted, part, portfolio, R, noise, units.precision, run.num_threads());
   }
   solution.moved_by_votes = moved;
   solution.edge_weights = std::move(weights);

@@ -30,12 +30,13 @@ struct Bundle {
 
 /// Another answer that explains the graph, too.
 struct Alternative {
-  Rotations rotations;       ///< world_from_i, in the gauge of the answer
-  std::vector<Index> group;  ///< (n,) groups that both answers share; 0 is the largest of a component
+  Rotations rotations;  ///< world_from_i, in the gauge of the answer
+  std::vector<Index>
+      group;  ///< (n,) groups that both answers share; 0 is the largest of a component
   Evidence::Comparison evidence;  ///< of the answer against this one
   std::vector<Bundle> bundles;    ///< the heaviest first
-  double closure = 0.0;         ///< Evidence::closure of the edges that only this one explains
-  double answer_closure = 0.0;  ///< and of those that only the answer explains
+  double closure = 0.0;           ///< Evidence::closure of the edges that only this one explains
+  double answer_closure = 0.0;    ///< and of those that only the answer explains
   /// Some of the pairs that ought to match if this were true and do not.
   std::vector<std::pair<Index, Index>> missing;
 
@@ -62,7 +63,8 @@ inline double step_tolerance(double noise) {
 
 /// The groups (n,) of cameras that two answers place alike: what the relative rotation of an
 /// answer to the other, R_i S_i^T, holds together over the edges, and what agrees with the largest
-/// of these in every component, whose label is 0. A bend along a street is no difference, a step is.
+/// of these in every component, whose label is 0. A bend along a street is no difference, a step
+/// is.
 ///
 /// @param tolerance a chord
 inline std::vector<Index> shared_groups(const MeasurementGraph& graph, const Rotations& R,
@@ -115,8 +117,7 @@ inline void adopt_gauge(const MeasurementGraph& graph, const std::vector<Index>&
 /// @param group as of shared_groups
 inline Alternative alternative_story(const MeasurementGraph& graph, const Rotations& R,
                                      const std::vector<double>& x, Rotations S,
-                                     const std::vector<double>& other_x,
-                                     std::vector<Index> group) {
+                                     const std::vector<double>& other_x, std::vector<Index> group) {
   constexpr double most = 16.0;
   constexpr std::size_t most_missing = 16, most_bundles = 8;
   Alternative story;
@@ -137,9 +138,10 @@ inline Alternative alternative_story(const MeasurementGraph& graph, const Rotati
     if (gain < 0.0) only_other.push_back(k);
   }
   for (const auto& [ends, bundle] : bundles) story.bundles.push_back(bundle);
-  std::stable_sort(story.bundles.begin(), story.bundles.end(), [](const Bundle& a, const Bundle& b) {
-    return a.weight + a.alternative_weight > b.weight + b.alternative_weight;
-  });
+  std::stable_sort(story.bundles.begin(), story.bundles.end(),
+                   [](const Bundle& a, const Bundle& b) {
+                     return a.weight + a.alternative_weight > b.weight + b.alternative_weight;
+                   });
   if (story.bundles.size() > most_bundles) story.bundles.resize(most_bundles);
 
   // Of an edge i j that only the other explains: which neighbours of i do not match j?

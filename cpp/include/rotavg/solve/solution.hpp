@@ -14,11 +14,11 @@ namespace rotavg {
 /// used instead.
 enum class Initialization {
   automatic,
-  shortest_path,  ///< Lemma 3
-  spanning_tree,  ///< along the edges that the graph supports best
+  shortest_path,          ///< Lemma 3
+  spanning_tree,          ///< along the edges that the graph supports best
   maximum_spanning_tree,  ///< along the edges with the largest weights
-  chordal,        ///< free matrices, then the nearest rotations
-  quaternion,     ///< free quaternions, then unit ones
+  chordal,                ///< free matrices, then the nearest rotations
+  quaternion,             ///< free quaternions, then unit ones
   random,
 };
 

@@ -1,0 +1,226 @@
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include <doctest/doctest.h>
+
+#include <rotavg/init/maximum_spanning_tree.hpp>
+#include <rotavg/robust/evidence.hpp>
+#include <rotavg/robust/neighbourhoods.hpp>
+#include <rotavg/robust/part_votes.hpp>
+#include <rotavg/robust/residuals.hpp>
+#include <rotavg/robust/solve_robust.hpp>
+#include <rotavg/robust/stories.hpp>
+
+#include "support/graphs.hpp"
+#include "support/random.hpp"
+
+using namespace rotavg;
+using rotavg::test::Random;
+
+namespace {
+
+/// Cameras on a ring about a thing with two like sides: each matches its six nearest neighbours on
+/// either side, with fewer matches the farther they are, and with half as many matches, and less,
+/// the ones that see the other side as it does. Those edges say that both are turned alike.
+struct Folded {
+  std::vector<RelativeRotation> measurements;
+  Rotations truth;
+};
+
+Folded folded_ring(Random& random, Index n, double noise) {
+  constexpr double two_pi = 6.283185307179586;
+  Folded ring;
+  for (Index i = 0; i < n; ++i) {
+    ring.truth.push_back(exp_so3(Vector3(0.0, 0.0, two_pi * i / n)));
+  }
+  const Matrix3 half_turn = exp_so3(Vector3(0.0, 0.0, two_pi / 2.0));
+  const auto add = [&](Index i, Index j, const Matrix3& turn, double weight) {
+    RelativeRotation m;
+    m.i = std::min(i, j);
+    m.j = std::max(i, j);
+    m.i_from_j = ring.truth[m.i].transpose() * turn * ring.truth[m.j] *
+                 exp_so3(noise * random.normal_vector());
+    m.weight = weight;
+    ring.measurements.push_back(m);
+  };
+  for (Index i = 0; i < n; ++i) {
+    for (Index step = 1; step <= 6; ++step) {
+      add(i, (i + step) % n, Matrix3::Identity(), 400.0 / step);
+    }
+    if (i >= n / 2) continue;
+    for (Index step = -1; step <= 1; ++step) {
+      add(i, (i + n / 2 + step + n) % n, half_turn, 60.0 / (1 + std::abs(step)));
+    }
+  }
+  return ring;
+}
+
+double largest_error(const Rotations& R, const Rotations& truth) {
+  double largest = 0.0;
+  for (std::size_t i = 0; i < R.size(); ++i) {
+    const Matrix3 gauge = truth[0] * R[0].transpose();
+    largest = std::max(largest, angle_between(gauge * R[i], truth[i]));
+  }
+  return largest;
+}
+
+}  // namespace
+
+TEST_CASE("the maximum spanning tree has the largest weight of all trees") {
+  Random random;
+  INFO(random.replay());
+  for (int run = 0; run < 20; ++run) {
+    const auto pairs = test::random_connected(random, 7, 5);
+    auto measurements = test::simulate(random, pairs, 0.3);
+    for (RelativeRotation& m : measurements) m.weight = random.uniform(1.0, 2.0);
+    const MeasurementGraph graph(measurements);
+    const Rotations R = maximum_spanning_tree_init(graph);
+    double weight = 0.0;  // of the edges that the tree meets exactly
+    Index met = 0;
+    for (const Edge& e : graph.edges()) {
+      if ((R[e.i] * e.i_from_j - R[e.j]).norm() > 1e-9) continue;
+      weight += e.weight;
+      ++met;
+    }
+    CHECK(met == graph.num_nodes() - 1);
+    double most = 0.0;  // by trying all sets of n - 1 edges
+    const Index n = graph.num_nodes(), m = graph.num_edges();
+    for (unsigned set = 0; set < (1u << m); ++set) {
+      std::vector<bool> holds(m);
+      double sum = 0.0;
+      Index count = 0;
+      for (Index k = 0; k < m; ++k) {
+        holds[k] = ((set >> k) & 1u) != 0;
+        count += holds[k];
+        sum += holds[k] ? graph.edges()[k].weight : 0.0;
+      }
+      if (count != n - 1 || sum <= most) continue;
+      const auto part = parts_joined_by(graph, holds);
+      if (*std::max_element(part.begin(), part.end()) == 0) most = sum;
+    }
+    CHECK(weight == doctest::Approx(most));
+  }
+}
+
+TEST_CASE("overlap is the weighted Jaccard index over triangles that agree") {
+  Random random;
+  INFO(random.replay());
+  const Index n = 12;
+  auto measurements = test::simulate(random, test::complete(n), 1e-3);
+  for (RelativeRotation& m : measurements) m.weight = random.uniform(0.5, 3.0);
+  measurements[5].i_from_j = random.rotation();
+  const MeasurementGraph graph(measurements);
+  const std::vector<double> weights = weights_of(graph);
+  const std::vector<double> overlap = Neighbourhoods(graph).overlap(weights);
+  std::vector<double> w(n * n, 0.0);
+  for (Index k = 0; k < graph.num_edges(); ++k) {
+    const Edge& e = graph.edges()[k];
+    w[e.i * n + e.j] = w[e.j * n + e.i] = weights[k];
+  }
+  for (Index k = 0; k < graph.num_edges(); ++k) {
+    const Edge& e = graph.edges()[k];
+    double shared = 0.0, either = 0.0;
+    for (Index q = 0; q < n; ++q) {
+      const auto touches = [&](Index a, Index b) {
+        const Edge& wrong = graph.edges()[5];
+        return (wrong.i == a && wrong.j == b) || (wrong.i == b && wrong.j == a);
+      };
+      const bool agrees = k != 5 && !touches(e.i, q) && !touches(e.j, q);
+      if (q != e.i && q != e.j && agrees) shared += std::min(w[e.i * n + q], w[e.j * n + q]);
+      either += w[e.i * n + q] + w[e.j * n + q];
+    }
+    const double own = 1e-3 * weights[k];
+    CHECK(overlap[k] == doctest::Approx((shared + own) / (either - shared + own)));
+  }
+}
+
+TEST_CASE("every node has eight voices, or as many as edges") {
+  Random random;
+  INFO(random.replay());
+  const auto graph = test::simulate_graph(random, test::random_connected(random, 30, 200), 0.1);
+  std::vector<double> strength;
+  for (Index k = 0; k < graph.num_edges(); ++k) strength.push_back(random.uniform(0.0, 1.0));
+  const Evidence evidence(graph, strength);
+  double expected = 0.0;
+  for (Index l = 0; l < graph.num_nodes(); ++l) expected += std::min<Index>(8, graph.row(l).size());
+  CHECK(std::accumulate(evidence.voices().begin(), evidence.voices().end(), 0.0) == expected);
+  // An answer that explains all against one that explains nothing.
+  const std::vector<double> zero(strength.size(), 0.0), much(strength.size(), 1e3);
+  const auto comparison = evidence.compare(zero, much);
+  CHECK(comparison.voices == expected);
+  CHECK(comparison.edges() == graph.num_edges());
+  CHECK(comparison.other_edges() == 0);
+  CHECK(comparison.clear());
+  CHECK_FALSE(evidence.compare(much, zero).clear());
+}
+
+TEST_CASE("groups are told apart by a step, in every component by itself") {
+  Random random;
+  INFO(random.replay());
+  test::Pairs pairs = test::complete(8);  // and another component
+  for (const auto& [i, j] : test::complete(6)) pairs.emplace_back(i + 8, j + 8);
+  const auto graph = test::simulate_graph(random, pairs, 0.0);
+  const Rotations R = random.rotations(14);
+  const Matrix3 gauge = random.rotation(), other_gauge = random.rotation();
+  const Matrix3 step = exp_so3(Vector3(0.0, 0.5, 0.0));
+  Rotations S;
+  for (Index i = 0; i < 14; ++i) {
+    S.push_back((i < 8 ? gauge : other_gauge) * R[i]);
+    if (i >= 5 && i < 8) S.back() = gauge * step * R[i];
+  }
+  const std::vector<Index> group = shared_groups(graph, R, S, 0.1);
+  CHECK(group == std::vector<Index>{0, 0, 0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 0, 0});
+  adopt_gauge(graph, group, R, S);
+  for (Index i = 0; i < 14; ++i) CHECK((group[i] == 0) == ((R[i] - S[i]).norm() < 1e-9));
+}
+
+TEST_CASE("two edges that agree turn what one of great weight holds") {
+  Random random;
+  INFO(random.replay());
+  test::Pairs pairs = test::complete(6);
+  for (const auto& [i, j] : test::complete(6)) pairs.emplace_back(i + 6, j + 6);
+  const Rotations truth = random.rotations(13);
+  const auto measurement = [&](Index i, Index j, const Matrix3& error) {
+    RelativeRotation m;
+    m.i = i;
+    m.j = j;
+    m.i_from_j = truth[i].transpose() * truth[j] * error;
+    return m;
+  };
+  std::vector<RelativeRotation> measurements;
+  for (const auto& [i, j] : pairs) measurements.push_back(measurement(i, j, Matrix3::Identity()));
+  const Matrix3 wrong = exp_so3(Vector3(1.5, 0.0, 0.0));
+  measurements.push_back(measurement(0, 6, wrong));
+  measurements.push_back(measurement(1, 7, exp_so3(Vector3(0.0, 1e-3, 0.0))));
+  measurements.push_back(measurement(2, 8, exp_so3(Vector3(0.0, 0.0, 1e-3))));
+  measurements.push_back(measurement(12, 11, Matrix3::Identity()));  // hangs on the other side
+  const MeasurementGraph graph(measurements);
+  Rotations R = truth;  // as the wrong edge has it
+  const Matrix3 turn = truth[0] * measurements[30].i_from_j * truth[6].transpose();
+  for (Index i = 6; i < 13; ++i) R[i] = turn * R[i];
+  std::vector<double> x;
+  squared_residuals(ResidualQuaternions(graph, to_quaternions(R), 1), x);
+  CHECK(take_part_votes(graph, {}, x, 0.01, R) == 1);
+  CHECK(largest_error(R, truth) < 0.01);
+  squared_residuals(ResidualQuaternions(graph, to_quaternions(R), 1), x);
+  CHECK(take_part_votes(graph, {}, x, 0.01, R) == 0);
+}
+
+TEST_CASE(
+    "of a thing with two like sides, the answer that is not folded is found and both are told") {
+  Random random;
+  INFO(random.replay());
+  const Folded ring = folded_ring(random, 80, 0.002);
+  SolveOptions options;
+  options.certify = false;
+  const RobustSolution solution = solve_robust(MeasurementGraph(ring.measurements), options);
+  CHECK(largest_error(solution.rotations, ring.truth) < 0.05);
+  for (const Alternative& story : solution.alternatives) {
+    CHECK(story.num_different() > 0);
+    CHECK(story.group.size() == 80);
+    CHECK_FALSE(story.bundles.empty());
+  }
+}
