@@ -53,25 +53,21 @@ inline Index vote_sweep(const MeasurementGraph& graph, const std::vector<double>
       most += w.back() * loss.rho(4.0, p.back());
     }
     // r^2 = 4 (1 - s^2) for the cosine s of the angle between two quaternions
-    const auto cost_of = [&](const Vector4& at, Index k) {
-      const double s = at.dot(estimates[k]);
-      return w[k] * loss.rho(std::max(0.0, 4.0 * (1.0 - s * s)), p[k]);
-    };
-    // An estimate meets its own edge for nothing: that one says what it said before.
-    const auto cost = [&](const Vector4& at, Index own) {
-      double sum = own < 0 ? 0.0 : cost_of(q[l].coeffs(), own);
+    const auto cost = [&](const Vector4& at) {
+      double sum = 0.0;
       for (Index k = 0; k < degree; ++k) {
-        if (k != own) sum += cost_of(at, k);
+        const double s = at.dot(estimates[k]);
+        sum += w[k] * loss.rho(std::max(0.0, 4.0 * (1.0 - s * s)), p[k]);
       }
       return sum;
     };
-    double least = cost(q[l].coeffs(), -1);
+    double least = cost(q[l].coeffs());
     if (least < 0.5 * most) continue;
     least *= clearly;
     const Index stride = (degree + max_candidates - 1) / max_candidates;
     Index best = -1;
     for (Index k = l % stride; k < degree; k += stride) {
-      const double cost_k = cost(estimates[k], k);
+      const double cost_k = cost(estimates[k]);
       if (cost_k < least) {
         least = cost_k;
         best = k;
