@@ -44,7 +44,8 @@ TEST_CASE("two edges to the world cost what gravity costs, and a constant") {
     const MeasurementGraph graph({{1, 0, Q, w}, {1, 0, Q2, w}});
     const Vector4 e =
         residual_quaternion(graph.quaternion_edges()[0], to_quaternions({Matrix3::Identity(), R}));
-    const GravityPairs pairs{{0}, g};
+    GravityPairs pairs;
+    pairs.down = g;
     CHECK(pairs.cost(e) == doctest::Approx(gravity_cost(R, d, g, w)).epsilon(1e-12));
     CHECK(pairs.constant(e) == doctest::Approx(8.0 * w));
   }
