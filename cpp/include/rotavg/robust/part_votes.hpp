@@ -55,7 +55,7 @@ inline Index take_part_votes(const MeasurementGraph& graph, const std::vector<do
   constexpr std::size_t most_candidates = 48;
   constexpr double clearly = 0.3;
   const double threshold2 = threshold * threshold;
-  const auto units = [&](Index k) { return precision_of(precision, k); };
+  const auto units = [&](std::size_t k) { return precision_of(precision, k); };
   std::vector<bool> left_out(x.size()), holds(x.size());
   for (Index k = 0; k < graph.num_edges(); ++k) left_out[k] = units(k) * x[k] > threshold2;
   const Series series = series_of(graph, left_out);

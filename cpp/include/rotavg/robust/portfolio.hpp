@@ -43,21 +43,22 @@ struct Portfolio {
 
 namespace detail {
 
-/// A start along a tree, polished: a few reweightings at the scale that its residuals show, votes
-/// of the nodes with their strongest edges, and of the parts.
+/// A start along a tree, polished: a few reweightings, at first with so wide a scale that its edges
+/// do not stay met exactly, which would pass for little noise; votes of the nodes, in which their
+/// strongest edges count, and of the sides of cuts.
 inline Story polished(RobustRun& run, const MeasurementGraph& graph,
                       const std::vector<double>& voices, double loss_noises, std::string start,
                       Rotations R) {
-  constexpr double most_noise = 0.5, outlier_noises = 3.0;
+  constexpr double most_noise = 0.5, outlier_noises = 3.0, wide_noises = 3.0;
   constexpr double brief_gain = 1e-3, gain = 1e-4;
   constexpr int brief_limit = 8, limit = 20, most_rounds = 3;
   const auto noise_now = [&] { return std::min(most_noise, run.noise_at(R)); };
   double noise = noise_now();
-  R = run.reweighted(R, {Loss::cauchy, noise}, brief_gain, brief_limit).rotations;
+  R = run.reweighted(R, {Loss::cauchy, wide_noises * noise}, brief_gain, brief_limit).rotations;
   noise = noise_now();
   take_votes(graph, voices, run.precision(), {Loss::geman_mcclure, outlier_noises * noise}, R,
              run.keep_going());
-  R = run.reweighted(R, {Loss::cauchy, noise}, brief_gain, brief_limit).rotations;
+  R = run.reweighted(R, {Loss::cauchy, wide_noises * noise}, brief_gain, brief_limit).rotations;
   noise = noise_now();
   R = run.reweighted(R, {Loss::cauchy, loss_noises * noise}, gain, limit).rotations;
   for (int k = 0; k < most_rounds; ++k) {
@@ -99,29 +100,33 @@ inline std::vector<double> rejected_and_coherent(const std::vector<double>& x,
 
 /// Compares what least squares and l1 have found with where other starts lead.
 ///
-/// 1. Where hardly any edge contradicts, there is but one story, and nothing more is done. Nor is
-///    it where hardly any of the strongest edges contradicts (Evidence).
+/// 1. Where hardly any edge contradicts, and the noise is small enough to tell, there is but one
+///    story, and nothing more is done. Nor is it where hardly any of the strongest edges
+///    contradicts (Evidence).
 /// 2. The maximum spanning tree by strength, weight times overlap (Neighbourhoods), is polished. If
 ///    it tells the same story, that is it.
 /// 3. While the evidence is not clear, trees by overlap alone and, if the weights differ, by both
 ///    and by weight alone.
 /// 4. What the rejected edges would say, if many of them agree with one another.
-/// 5. All are compared at one scale, the noise of the first. A later one takes its place where the
-///    voices of the strongest edges clearly prefer it; what they do not rule out is an alternative.
+/// 5. All are compared at one scale, the noise of the first, or the smallest if that is coarse. A
+///    later one takes its place where the voices of the strongest edges clearly prefer it; what
+///    they do not rule out is an alternative.
 ///
 /// @param run that judges residuals in their own units
 /// @param loss_noises the scale of the loss in units of the noise
 inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, double loss_noises,
                               Rotations R, double noise) {
   constexpr double contradicted = 16.0, clear_edges = 0.01, clear_voices = 0.01;
+  constexpr double coarse = 0.1;  // noise that may well be that of an answer between two stories
   constexpr double beyond_doubt = 5.0, few_cameras = 0.02;
   const std::size_t m = graph.edges().size();
   const auto go_on = run.keep_going();
   Portfolio portfolio;
   std::vector<Story> stories(1);
   stories[0] = {"least squares and l1", std::move(R), noise, {}};
+  double scale = noise;
   const auto units_of = [&](Story& story) {
-    const double scale2 = stories[0].noise * stories[0].noise;
+    const double scale2 = scale * scale;
     story.x = run.squared_residuals_at(story.rotations);
     for (std::size_t k = 0; k < m; ++k) {
       story.x[k] *= precision_of(run.precision(), k) / scale2;
@@ -136,7 +141,8 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   // 1.
   double against = 0.0;
   for (const double x : stories[0].x) against += x > contradicted;
-  if (against <= clear_edges * static_cast<double>(m) || !go_on()) return finish();
+  const bool fits = noise <= coarse && against <= clear_edges * static_cast<double>(m);
+  if (fits || !go_on()) return finish();
   const Neighbourhoods neighbourhoods(graph, go_on);
   const std::vector<double>& weights = run.given();
   const std::vector<double> overlap = neighbourhoods.overlap(weights);
@@ -153,7 +159,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
     }
     return against_it > clear_voices * voices;
   };
-  if (!contradicts(stories[0])) return finish();
+  if (noise <= coarse && !contradicts(stories[0])) return finish();
 
   // 2. and 3.
   std::vector<double> ballots = evidence.voices();  // a node without a strong edge votes, too
@@ -178,6 +184,10 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
     ++portfolio.tried;
     Story story =
         detail::polished(run, graph, ballots, loss_noises, start, along_spanning_tree(graph, key));
+    if (noise > coarse && story.noise < scale) {
+      scale = story.noise;
+      for (Story& other : stories) units_of(other);
+    }
     units_of(story);
     const bool better = evidence.compare(story.x, stories[best].x).clear();
     bool same = false;
