@@ -1,4 +1,5 @@
-// What rotavg::compiled holds (rotavg/compiled.hpp), the other half: what is told of a solution.
+// What rotavg::compiled holds (rotavg/compiled.hpp), the other half: what is told of a
+// solution, refine_anisotropic() and algebraic_connectivity().
 
 #include <rotavg/certify/certificate_impl.hpp>
 #include <rotavg/certify/certify_with_priors_impl.hpp>

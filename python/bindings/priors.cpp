@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <optional>
 #include <stdexcept>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -27,9 +28,16 @@ using rotavg::MeasurementGraph;
 
 using IdArray = py::array_t<rotavg::NodeId, py::array::c_style | py::array::forcecast>;
 
+using Mask = py::array_t<bool, py::array::c_style | py::array::forcecast>;
+
+std::vector<bool> to_mask(const Mask& mask) {
+  return std::vector<bool>(mask.data(), mask.data() + mask.size());
+}
+
 void check_count(const py::array& array, std::size_t count, const char* name) {
   if (array.ndim() < 1 || static_cast<std::size_t>(array.shape(0)) != count) {
-    throw std::invalid_argument(std::string(name) + " must be as many as the nodes");
+    throw std::invalid_argument(std::string(name) + " must have " + std::to_string(count) +
+                                " entries");
   }
 }
 
@@ -158,7 +166,36 @@ void bind_priors(py::module_& m) {
           py::keep_alive<0, 1>(), py::arg("absolute"), py::arg("gravity"))
       .def_property_readonly("kept", [](const GroundedGraph& p) { return from_vector(p.kept()); })
       .def_property_readonly("num_free_headings", &GroundedGraph::num_free_headings)
-      .def_property_readonly("degrees_of_freedom", &rotavg::degrees_of_freedom)
+      .def_property_readonly("num_parts",
+                             [](const GroundedGraph& p) {
+                               const std::vector<bool> edges(p.given().edges().size(), true);
+                               const std::vector<bool> absolute(p.priors().absolute.size(), true);
+                               const std::vector<bool> gravity(p.priors().gravity.size(), false);
+                               const auto part =
+                                   p.parts_of_nodes(p.edges_where(edges, absolute, gravity));
+                               return *std::max_element(part.begin(), part.end()) + 1;
+                             })
+      .def(
+          "edges_where",
+          [](const GroundedGraph& p, const Mask& measurements, const Mask& absolute,
+             const Mask& gravity) {
+            check_count(measurements, p.given().edges().size(), "measurements");
+            check_count(absolute, p.priors().absolute.size(), "absolute");
+            check_count(gravity, p.priors().gravity.size(), "gravity");
+            const auto holds =
+                p.edges_where(to_mask(measurements), to_mask(absolute), to_mask(gravity));
+            Mask result(static_cast<py::ssize_t>(holds.size()));
+            std::copy(holds.begin(), holds.end(), result.mutable_data());
+            return result;
+          },
+          py::arg("measurements"), py::arg("absolute"), py::arg("gravity"))
+      .def(
+          "degrees_of_freedom",
+          [](const GroundedGraph& p, const Mask& holds) {
+            check_count(holds, p.graph().edges().size(), "holds");
+            return rotavg::degrees_of_freedom(p, to_mask(holds));
+          },
+          py::arg("holds"))
       .def("objective", &number<&rotavg::objective>, py::arg("rotations"))
       .def("edge_costs", &numbers<&rotavg::edge_costs>, py::arg("rotations"))
       .def("prior_costs", &numbers<&rotavg::prior_costs>, py::arg("rotations"))

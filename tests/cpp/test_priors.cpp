@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <cmath>
+#include <stdexcept>
 #include <utility>
 #include <vector>
 
@@ -265,4 +267,164 @@ TEST_CASE("rotations that priors do not allow are not certified but refused") {
   Rotations R = solve(problem).rotations;
   R[2] = exp_so3({1e-3, 0.0, 0.0}) * R[2];
   CHECK_THROWS_AS(certify(problem, R), InvalidRotation);
+}
+
+TEST_CASE("iterations and seconds go on counting from stage to stage, and limits hold for all") {
+  Random random;
+  INFO(random.replay());
+  constexpr Index n = 30;
+  const Rotations truth = random.rotations(n);
+  const MeasurementGraph graph(
+      test::measure(random, test::random_connected(random, n, 2 * n), truth, 0.1));
+  Priors priors;
+  for (Index i = 0; i < n; ++i) {
+    const Matrix3 error = exp_so3(0.1 * random.normal_vector());
+    priors.absolute.push_back({i, i < 8 ? random.rotation() : Matrix3(error * truth[i]), 1.0});
+  }
+  for (const bool robust : {false, true}) {
+    CAPTURE(robust);
+    std::vector<Progress> told;
+    SolveOptions options;
+    options.iteration.callback = [&](const Progress& progress) {
+      told.push_back(progress);
+      return true;
+    };
+    const auto run = [&] {
+      return robust ? Solution(solve_robust(graph, priors, options))
+                    : solve(graph, priors, options);
+    };
+    const Solution solution = run();
+    CHECK(is_converged(solution.status));
+    CHECK(told.front().iteration <= 1);
+    CHECK(told.back().iteration == solution.iterations);
+    for (std::size_t k = 1; k < told.size(); ++k) {
+      CHECK(told[k].iteration > told[k - 1].iteration);
+      CHECK(told[k].seconds >= told[k - 1].seconds);
+    }
+    options.iteration.callback = nullptr;
+    for (const int most : {1, solution.iterations / 2, solution.iterations - 1}) {
+      CAPTURE(most);
+      options.iteration.max_iterations = most;
+      CHECK(run().iterations <= most);
+    }
+  }
+}
+
+TEST_CASE("a warm start of parts that a rig joins is turned as one") {
+  Random random;
+  INFO(random.replay());
+  const Rotations rig = random.rotations(2), frames = random.rotations(6);
+  Rotations truth;
+  Priors priors;
+  for (Index f = 0; f < 6; ++f) {
+    for (Index s = 0; s < 2; ++s) {
+      truth.push_back(frames[f] * rig[s]);
+      priors.rigs.push_back({2 * f + s, f, rig[s]});
+    }
+  }
+  // Front cameras see each other, and rear ones: no edge joins the two kinds.
+  const test::Pairs pairs = {{0, 2}, {2, 4}, {4, 6}, {0, 6}, {5, 7}, {7, 9}, {9, 11}, {5, 11}};
+  std::vector<NodeId> nodes;
+  for (NodeId i = 0; i < 12; ++i) nodes.push_back(i);
+  const MeasurementGraph graph(test::measure(random, pairs, truth, 0.01), nodes);
+  // Two priors that contradict each other turn a torn start to two worlds.
+  priors.absolute = {{0, truth[0], 1e-3}, {11, random.rotation() * truth[11], 1e-3}};
+  const GroundedGraph problem(graph, priors);
+  CHECK(detail::components_without_world(problem).size() == 1);
+  CHECK(connected_components(graph).size() > 1);
+  const Solution solution = solve(problem);
+  SolveOptions none;
+  none.iteration.max_iterations = 0;
+  none.certify = false;
+  const Solution again = solve(problem, none, solution.rotations, true);
+  double moved = 0.0;
+  for (Index i = 1; i < 12; ++i) {
+    moved = std::max(moved, angle_between(solution.rotations[0].transpose() * solution.rotations[i],
+                                          again.rotations[0].transpose() * again.rotations[i]));
+  }
+  CHECK(moved < 1e-12);
+}
+
+TEST_CASE("the gap told is that of the rotations given, not of those next to them") {
+  Random random;
+  INFO(random.replay());
+  const Rotations truth = random.rotations(6);
+  const MeasurementGraph graph(test::measure(random, test::complete(6), truth, 0.0));
+  Priors priors;
+  priors.fixed = {{2, truth[2]}};
+  priors.rigs = {{0, 0, truth[0]}, {1, 0, truth[1]}};
+  const GroundedGraph problem(graph, priors);
+  const Rotations best = solve(problem).rotations;
+  CHECK(certify(problem, best).verdict == Verdict::proved);
+  for (const Index off : {0, 2}) {
+    CAPTURE(off);
+    Rotations R = best;
+    R[off] = exp_so3(9e-7 * random.direction()) * R[off];
+    const Certificate certificate = certify(problem, R);
+    const double f = objective(graph, R);
+    CHECK(f > 1e-13);
+    CHECK(f <= certificate.gap * (1.0 + 1e-6));
+    CHECK(certificate.relative_gap > 0.1);
+    CHECK(certificate.verdict == Verdict::not_certified);
+    CHECK(certificate.shortfall != Shortfall::none);
+  }
+}
+
+TEST_CASE("covariances with priors take no free turns but gravity's, and no other rows") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph graph =
+      test::simulate_graph(random, test::random_connected(random, 6, 8), 0.05);
+  Priors priors;
+  priors.gravity = {{1, Vector3::UnitX(), 2.0}};
+  const GroundedGraph problem(graph, priors);
+  const Rotations R = solve(problem).rotations;
+  CovarianceOptions options;
+  const auto expected = covariances(problem, R, {{0, 3}}, options);
+  options.free_turns = {{2, Vector3::UnitZ()}};
+  options.turn_of.assign(7, 0);
+  const auto found = covariances(problem, R, {{0, 3}}, options);
+  REQUIRE(found.status == CovarianceStatus::computed);
+  CHECK(found.pairs[0] == expected.pairs[0]);
+  CHECK_THROWS_AS(covariances(problem, R, {{0, 6}}), std::invalid_argument);
+  CHECK_THROWS_AS(covariances(problem, R, {{-1, 2}}), std::invalid_argument);
+  options.information.assign(graph.edges().size(), Matrix3::Identity());
+  CHECK_THROWS_AS(marginal_covariances(problem, R, options), std::invalid_argument);
+}
+
+TEST_CASE("parts that the world holds are joined, but not by gravity") {
+  Random random;
+  INFO(random.replay());
+  constexpr Index half = 15, n = 2 * half;
+  const Rotations truth = random.rotations(n);
+  test::Pairs pairs = test::random_connected(random, half, 3 * half);
+  for (const auto& [i, j] : test::random_connected(random, half, 3 * half)) {
+    pairs.emplace_back(i + half, j + half);
+  }
+  auto measurements = test::measure(random, pairs, truth, 0.01);
+  measurements.push_back({0, half, random.rotation(), 1.0});  // two wrong ones join the halves
+  measurements.push_back({1, half + 1, random.rotation(), 1.0});
+  const MeasurementGraph graph(measurements);
+  RobustOptions robust;
+  robust.known.excluded.assign(measurements.size(), false);
+  *(robust.known.excluded.end() - 1) = *(robust.known.excluded.end() - 2) = true;
+  const auto parts = [&](const Priors& priors) {
+    const RobustSolution solution = solve_robust(graph, priors, {}, robust);
+    return *std::max_element(solution.verdicts.part.begin(), solution.verdicts.part.end()) + 1;
+  };
+  Priors fixed, tilted;
+  fixed.fixed = {{3, truth[3]}, {half + 3, truth[half + 3]}};
+  CHECK(parts(fixed) == 1);
+  for (const EdgeVerdict verdict : solve_robust(graph, fixed).verdicts.edges) {
+    CHECK(verdict != EdgeVerdict::weak_part);
+  }
+  for (Index i = 0; i < n; ++i) {
+    tilted.gravity.push_back({i, truth[i].transpose() * tilted.down, 1.0});
+  }
+  CHECK(parts(tilted) == 2);
+  Priors one;
+  for (Index i = 0; i < half; ++i) one.absolute.push_back({i, truth[i], 1.0});
+  CHECK(parts(one) == 2);
+  one.absolute.push_back({half + 3, truth[half + 3], 1.0});
+  CHECK(parts(one) == 1);
 }

@@ -1,4 +1,7 @@
 #include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <type_traits>
 #include <vector>
 
 #include <doctest/doctest.h>
@@ -8,6 +11,7 @@
 #include <rotavg/reduction/gravity_pairs.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/reduction/reduced_graph.hpp>
+#include <rotavg/reduction/refined_gravity.hpp>
 #include <rotavg/reduction/riding.hpp>
 #include <rotavg/rotavg.hpp>
 
@@ -162,4 +166,118 @@ TEST_CASE("priors that fit no graph are refused, and the message says which and 
   p.fixed = {{1, I}, {2, I}, {3, I}};
   CHECK_THROWS_WITH_AS(GroundedGraph(graph, p), doctest::Contains("nothing is left to solve"),
                        std::invalid_argument);
+}
+
+TEST_CASE("priors that are not numbers are refused") {
+  const MeasurementGraph graph({{1, 2}, {2, 3}});
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  for (int k = 0; k < 9; ++k) {
+    Matrix3 R = Matrix3::Identity();
+    R(k / 3, k % 3) = nan;
+    Priors fixed, absolute, rigs;
+    fixed.fixed = {{1, R}};
+    absolute.absolute = {{1, R, 1.0}};
+    rigs.rigs = {{1, 0, R}};
+    for (const Priors* priors : {&fixed, &absolute, &rigs}) {
+      CHECK_THROWS_AS(GroundedGraph(graph, *priors), InvalidPrior);
+    }
+    Priors gravity, down;
+    gravity.gravity = {{1, R.row(k / 3).transpose(), 1.0}};
+    CHECK_THROWS_AS(GroundedGraph(graph, gravity), InvalidPrior);
+    down.gravity = {{1, Vector3::UnitX(), 1.0}};
+    down.down = R.row(k / 3).transpose();
+    CHECK_THROWS_AS(GroundedGraph(graph, down), InvalidPrior);
+  }
+  Priors weight;
+  weight.absolute = {{1, Matrix3::Identity(), nan}};
+  CHECK_THROWS_AS(GroundedGraph(graph, weight), InvalidPrior);
+}
+
+TEST_CASE("weights that are too many, too few or out of bounds are refused and change nothing") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph given({{0, 1}, {1, 2}, {2, 3}, {0, 2}});
+  Priors priors;
+  priors.rigs = {{0, 0, random.rotation()}, {2, 0, random.rotation()}};  // edge 3 is inside
+  priors.absolute = {{1, random.rotation(), 2.0}};
+  priors.gravity = {{3, Vector3::UnitX(), 3.0}};
+  GroundedGraph problem(given, priors);
+  const std::vector<double> before = weights_of(problem.graph());
+  const std::vector<std::vector<double>> wrong = {{}, {1.0, 1.0, 1.0}, {1.0, 1.0, 1.0, 1.0, 1.0}};
+  for (const auto& weights : wrong) {
+    CHECK_THROWS_AS(problem.set_weights(weights), std::invalid_argument);
+  }
+  CHECK_THROWS_AS(problem.set_weights({2.0, 2.0, 2.0, -1.0}), InvalidEdge);
+  CHECK_THROWS_AS(problem.set_prior_weights({}, {5.0}), std::invalid_argument);
+  CHECK_THROWS_AS(problem.set_prior_weights({5.0}, {}), std::invalid_argument);
+  CHECK_THROWS_AS(problem.set_prior_weights({5.0, 5.0, 5.0}, {5.0}), std::invalid_argument);
+  CHECK_THROWS_AS(problem.set_prior_weights({5.0}, {0.0}), InvalidPrior);
+  CHECK(weights_of(problem.graph()) == before);
+  CHECK(problem.weights() == weights_of(given));
+  CHECK(problem.priors().absolute[0].weight == 2.0);
+  problem.set_weights({2.0, 3.0, 4.0, 5.0});
+  problem.set_prior_weights({6.0}, {7.0});
+  CHECK(weights_of(problem.graph()) == std::vector<double>{2.0, 3.0, 4.0, 6.0, 7.0, 7.0});
+  CHECK(problem.weights()[3] == 5.0);
+
+  ReducedGraph reduced(given, Riding::alone(4), {{0, 3}});
+  CHECK_THROWS_AS(reduced.set_weights({1.0}), std::invalid_argument);
+  CHECK_THROWS_AS(reduced.set_other_weights({}), std::invalid_argument);
+  CHECK_THROWS_AS(reduced.set_other_weights({1.0, 1.0}), std::invalid_argument);
+  CHECK(!std::is_constructible_v<GroundedGraph, MeasurementGraph, Priors>);
+  CHECK(!std::is_constructible_v<ReducedGraph, MeasurementGraph, Riding>);
+}
+
+TEST_CASE("fixed cameras of one frame that differ a little: the first holds it, as a rig does") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph given({{0, 1}, {1, 2}, {2, 3}});
+  const Matrix3 C = random.rotation(), F = random.rotation();
+  Priors priors;
+  priors.rigs = {{0, 0, Matrix3::Identity()}, {2, 0, C}};
+  priors.fixed = {{2, exp_so3({5e-7, 0.0, 0.0}) * F * C}, {0, F}};
+  const GroundedGraph problem(given, priors);
+  const Rotations R = problem.nodes_from(problem.variables_from(random.rotations(4)));
+  CHECK(R[0] == problem.priors().fixed[0].world_from_node);
+  CHECK((R[2] - R[0] * C).norm() < 1e-14);
+}
+
+TEST_CASE("one frame that holds all nodes leaves nothing to solve, but for the world") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph graph({{0, 1}, {1, 2}});
+  const Rotations C = random.rotations(3);
+  const Matrix3 Q = random.rotation();
+  Priors priors;
+  for (Index i = 0; i < 3; ++i) priors.rigs.push_back({i, 0, C[i]});
+  CHECK_THROWS_WITH_AS(GroundedGraph(graph, priors), doctest::Contains("cameras of one frame"),
+                       std::invalid_argument);
+  priors.absolute = {{1, Q * C[1], 2.0}};
+  const Solution solution = solve(graph, priors);
+  CHECK(solution.certificate.verdict == Verdict::proved);
+  for (Index i = 0; i < 3; ++i) CHECK((solution.rotations[i] - Q * C[i]).norm() < 1e-9);
+  CHECK_THROWS_WITH_AS(solve_robust(graph, priors), doctest::Contains("cameras of one frame"),
+                       std::invalid_argument);
+}
+
+TEST_CASE("directions of gravity may be of any length, priors rotations to rounding as they are") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph graph({{0, 1}, {1, 2}});
+  for (const double length : {1e-300, 1e-200, 1.0, 1e200, 1e300}) {
+    const Vector3 d = random.direction();
+    const auto refined = refined_gravity(graph, {length * d, Vector3::Zero(), Vector3::Zero()}, 1);
+    CHECK((refined[0] - d).norm() < 1e-15);
+    CHECK((refined[1] - d).norm() < 1e-15);
+    Priors priors;
+    priors.gravity = {{0, length * d, 1.0}};
+    CHECK((GroundedGraph(graph, priors).priors().gravity[0].down - d).norm() < 1e-15);
+  }
+  for (int k = 0; k < 50; ++k) {
+    Priors priors;
+    priors.fixed = {{0, random.rotation()}};
+    const Matrix3& R = priors.fixed[0].world_from_node;
+    if (orthogonality_error(R) > negligible_orthogonality_error) continue;
+    CHECK(GroundedGraph(graph, priors).priors().fixed[0].world_from_node == R);
+  }
 }

@@ -400,3 +400,59 @@ TEST_CASE("gravity estimated from the neighbours is nearer the truth, and wrong 
   CHECK(refined_gravity(graph, std::vector<Vector3>(60, Vector3::Zero()))[3].isZero(0.0));
   CHECK_THROWS_AS(refined_gravity(graph, {}), std::invalid_argument);
 }
+
+TEST_CASE(
+    "edges inside frames are judged in the units of those between frames, and left out alike") {
+  Random random;
+  INFO(random.replay());
+  constexpr Index frames = 30, n = 2 * frames;
+  const Rotations rig = random.rotations(2), Q = random.rotations(frames);
+  Rotations truth;
+  Priors priors;
+  for (Index i = 0; i < n; ++i) {
+    truth.push_back(Q[i / 2] * rig[i % 2]);
+    priors.rigs.push_back({i, i / 2, rig[i % 2]});
+  }
+  test::Pairs pairs;
+  for (const auto& [i, j] : test::random_connected(random, n, 5 * n)) {
+    if (i / 2 != j / 2) pairs.emplace_back(i, j);
+  }
+  const std::size_t between = pairs.size();
+  auto measurements = test::measure(random, pairs, truth, 0.04);
+  for (int k = 0; k < 20; ++k) {  // more of them than between frames, ten times as precise
+    for (Index f = 0; f < frames; ++f) {
+      for (auto m : test::measure(random, {{2 * f, 2 * f + 1}}, truth, 0.004)) {
+        m.weight = 100.0;
+        measurements.push_back(m);
+      }
+    }
+  }
+  const std::size_t wrong = between, out = between + 1, out_between = 0;
+  measurements[wrong].i_from_j = exp_so3({0.05, 0.0, 0.0}) * truth[0].transpose() * truth[1];
+  std::vector<NodeId> nodes;
+  for (NodeId i = 0; i < n; ++i) nodes.push_back(i);
+  const MeasurementGraph graph(measurements, nodes);
+  RobustOptions robust;
+  robust.known.excluded.assign(measurements.size(), false);
+  robust.known.excluded[out] = robust.known.excluded[out_between] = true;
+  for (const bool with_world : {false, true}) {
+    CAPTURE(with_world);
+    if (with_world) priors.fixed = {{3, truth[3]}};
+    const RobustSolution solution = solve_robust(graph, priors, {}, robust);
+    CHECK(solution.noise > 0.02);
+    CHECK(solution.noise < 0.06);
+    Index outliers = 0;
+    for (std::size_t k = 0; k < measurements.size(); ++k) {
+      CHECK(solution.edge_scales[k] == doctest::Approx(k < between ? 1.0 : 0.1));
+      outliers += is_outlier(solution.verdicts.edges[k]);
+    }
+    CHECK(outliers < 0.05 * static_cast<double>(measurements.size()));
+    CHECK(solution.verdicts.edges[wrong] == EdgeVerdict::robust_weight);
+    CHECK(solution.verdicts.edges[out] == EdgeVerdict::excluded);
+    CHECK(solution.edge_weights[out] <= 1.001e-6 * graph.edges()[out].weight);
+    CHECK(solution.edge_weights[out_between] <= 1.001e-6);
+    for (std::size_t k = 0; k < measurements.size(); ++k) {
+      CHECK(solution.edge_weights[k] >= 0.999e-12 * graph.edges()[k].weight);
+    }
+  }
+}

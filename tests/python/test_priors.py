@@ -15,6 +15,8 @@ import rotavg
 from rotavg import Priors
 from rotavg.graph.conventions import matrices_from_rotvecs
 from rotavg.io import write_gravity
+from rotavg.priors.grounded import ground
+from rotavg.solving.robust import Loss
 from rotavg.solving.uncertainty import estimated_noise_variance
 
 DOWN = np.array([0.0, 1.0, 0.0])
@@ -340,6 +342,11 @@ def test_no_priors_change_nothing(simulation: rotavg.Simulation) -> None:
         ({"gravity": {2: ([0, 0, 0], 1)}}, "node 2 is .*, expected a finite direction"),
         ({"gravity": {2: ([0, np.nan, 0], 1)}}, "node 2 is .*, expected a finite direction"),
         ({"gravity": {2: ([0, 1], 1)}}, r"node 2 have shape \(2,\), expected \(3,\)"),
+        (
+            {"gravity": {0: ("up", 1)}},
+            "the entries of the gravity prior of node 0 are not an array of numbers",
+        ),
+        ({"rigs": {1: ([1], np.eye(3))}}, r"node 1 has the frame \[1\], expected an integer or"),
         ({"gravity": {2: ([0, 1, 0], 1)}, "down": [0, 0, 0]}, "down is .*, expected a finite"),
         (
             {"fixed": {1: np.eye(3)}, "absolute": {1: (np.eye(3), 1)}},
@@ -360,6 +367,101 @@ def test_bad_priors_say_what_is_wrong(
 ) -> None:
     with pytest.raises(rotavg.GraphError, match=message):
         rotavg.solve(simulation.graph, priors=Priors(**priors))
+
+
+@pytest.mark.parametrize("loss", ["huber", "l1", "auto", "tls"])
+def test_noise_and_covariances_without_the_priors_that_are_wrong(loss: Loss) -> None:
+    """As if they had not been given."""
+    sigma, n, wrong = 0.01, 40, 12
+    simulation = rotavg.simulate("erdos_renyi", n, density=0.2, noise=sigma, seed=3)
+    rng = np.random.default_rng(2)
+    T = simulation.ground_truth
+    absolute = {
+        k: (matrices_from_rotvecs(sigma * rng.normal(size=3)) @ T[k], 1.0) for k in range(n)
+    }
+    gravity = {k: (v, 1.0) for k, v in enumerate(downs(T, sigma))}
+    right = Priors(
+        absolute={k: absolute[k] for k in range(wrong, n)},
+        gravity={k: gravity[k] for k in range(wrong, n)},
+    )
+    for k in range(wrong):
+        absolute[k] = (matrices_from_rotvecs(rng.normal(size=3)) @ T[k], 1.0)
+        gravity[k] = (rng.normal(size=3), 1.0)
+    solution = rotavg.solve(
+        simulation.graph, loss=loss, priors=Priors(absolute=absolute, gravity=gravity)
+    )
+    assert solution.robust is not None
+    for fit in (solution.robust.absolute_priors, solution.robust.gravity_priors):
+        assert fit is not None
+        assert fit.nodes[fit.is_outlier].tolist()[:wrong] == list(range(wrong))
+    without = rotavg.solve(simulation.graph, loss=loss, priors=right)
+    assert estimated_noise_variance(solution) == pytest.approx(
+        estimated_noise_variance(without), rel=0.15
+    )
+    spread, expected = solution.covariances(), without.covariances()
+    assert np.trace(spread, axis1=1, axis2=2) == pytest.approx(
+        np.trace(expected, axis1=1, axis2=2), rel=0.3
+    )
+    assert "absolute    1" in str(solution)
+
+
+def test_degrees_of_freedom_are_the_rank_of_the_equations(truth: NDArray[np.float64]) -> None:
+    """By rank of the matrix, of parts that outliers alone hold, too."""
+    rng = np.random.default_rng(1)
+    edges = np.array([(0, 1), (1, 2), (0, 2), (2, 3), (3, 4), (4, 5), (3, 5), (0, 3), (6, 7)])
+    i, j = edges.T
+    graph = rotavg.MeasurementGraph(edges, np.swapaxes(truth[i], 1, 2) @ truth[j])
+    priors = Priors(
+        fixed={1: truth[1]},
+        absolute={k: (truth[k], 1.0) for k in (4, 2, 6)},
+        gravity={k: (truth[k].T @ DOWN, 1.0) for k in (1, 3, 5, 6)},
+    )
+    grounded = ground(graph, priors)
+    assert grounded is not None
+    across = np.eye(3)[[0, 2]]  # a tilt
+    for _ in range(60):
+        trusted = [rng.random(size) < rng.uniform(0.2, 1) for size in (9, 3, 4)]
+        rows: list[NDArray[np.float64]] = []
+        for (a, b), holds in zip(edges, trusted[0]):
+            row = np.zeros((3, 8, 3))
+            row[:, a], row[:, b] = -np.eye(3), np.eye(3)
+            rows += [row] if holds else []
+        for node, holds in zip((2, 4, 6), trusted[1]):
+            row = np.zeros((3, 8, 3))
+            row[:, node] = np.eye(3)
+            rows += [row] if holds else []
+        for node, holds in zip((1, 3, 5, 6), trusted[2]):
+            row = np.zeros((2, 8, 3))
+            row[:, node] = across
+            rows += [row] if holds and node != 1 else []  # node 1 is fixed
+        A = np.concatenate([np.zeros((1, 8, 3)), *rows])
+        A = np.delete(A, 1, axis=1).reshape(len(A), -1)
+        holds = grounded.core.edges_where(*trusted)
+        assert grounded.core.degrees_of_freedom(holds) == len(A) - 1 - np.linalg.matrix_rank(A)
+
+
+def test_components_that_priors_hold_are_no_weak_parts() -> None:
+    a = rotavg.simulate("erdos_renyi", 15, density=0.6, noise=0.01, seed=1)
+    b = rotavg.simulate("erdos_renyi", 15, density=0.6, noise=0.01, seed=2)
+    graph = rotavg.MeasurementGraph(
+        np.concatenate([a.graph.edges, b.graph.edges + 15, [(40, 41)]]),
+        np.concatenate([a.graph.rotations, b.graph.rotations, [np.eye(3)]]),
+    )
+    T = np.concatenate([a.ground_truth, b.ground_truth])
+    held: list[Priors] = [
+        Priors(fixed={2: T[2], 20: T[20]}),
+        Priors(absolute={k: (T[k], 1.0) for k in range(30)}),
+        Priors(gravity={k: (T[k].T @ DOWN, 1.0) for k in range(30)}),
+    ]
+    for priors in held:
+        text = str(rotavg.solve(graph, loss="auto", priors=priors))
+        assert "weak parts" not in text
+        assert "2: the priors hold the first, the other has a gauge of its own" in text
+    # A component of which one prior alone is known meets it exactly, right or wrong.
+    one = {**{k: (T[k], 1.0) for k in range(15)}, 15: (T[3], 1.0)}
+    text = str(rotavg.solve(graph, loss="auto", priors=Priors(absolute=one)))
+    assert "weak parts" not in text
+    assert "absolute    0 of 16 priors are outliers" in text
 
 
 def test_command_line(

@@ -2,7 +2,7 @@
 
 /// rotavg: absolute rotations from relative ones, with a proof of optimality.
 /// Layers, each using only those before it:
-///   types, parallel, so3, linalg -> graph -> problem -> reduction -> init, certify -> solve ->
+///   types -> parallel, so3 -> linalg -> graph -> problem -> reduction -> init, certify -> solve ->
 ///   robust, uncertainty
 
 // The entry points, and what they take and return.
@@ -13,6 +13,7 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/objective.hpp>
+#include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/reduction/priors.hpp>
 #include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/robust/solve_robust_with_priors.hpp>
@@ -52,7 +53,6 @@
 #include <rotavg/reduction/checked_priors.hpp>
 #include <rotavg/reduction/gravity.hpp>
 #include <rotavg/reduction/gravity_pairs.hpp>
-#include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/reduction/prior_objective.hpp>
 #include <rotavg/reduction/reduced_graph.hpp>
 #include <rotavg/reduction/refined_gravity.hpp>

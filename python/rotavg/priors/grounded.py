@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -24,6 +23,10 @@ class Weighed(Protocol):
     @property
     def believed_weights(self) -> NDArray[np.float64]:
         """(k,) in the order of the nodes of the graph."""
+
+    @property
+    def is_outlier(self) -> NDArray[np.bool_]:
+        """(k,) in the same order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +58,29 @@ class Grounded:
         )
         return replace(self, core=core)
 
-    @cached_property
-    def between_variables(self) -> NDArray[np.int32]:
-        """Rows of the measurements that are not between nodes held together or held both."""
-        return self.core.kept
+    def noise_variance(
+        self,
+        rotations: NDArray[np.float64],
+        trusted: NDArray[np.bool_],
+        absolute: Weighed | None,
+        gravity: Weighed | None,
+    ) -> float:
+        """Variance per axis, radians^2, of the noise of an edge of weight 1, without outliers.
+
+        Args:
+            rotations: (n, 3, 3) world_from_node.
+            trusted: (m,) the measurements that are no outliers.
+            absolute: what a robust loss made of absolute priors; None: all are trusted.
+            gravity: the same of gravity.
+        """
+        holds = self.core.edges_where(
+            trusted,
+            np.ones(len(self.priors.absolute), bool) if absolute is None else ~absolute.is_outlier,
+            np.ones(len(self.priors.gravity), bool) if gravity is None else ~gravity.is_outlier,
+        )
+        freedom = self.core.degrees_of_freedom(holds)
+        cost = float(self.core.edge_costs(rotations)[holds].sum())
+        return cost / (2 * freedom) if freedom > 0 else float("nan")
 
     def prior_costs(self, rotations: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) what the priors of every node add to the objective."""
@@ -103,23 +125,28 @@ def ground(graph: MeasurementGraph, priors: Priors) -> Grounded | None:
     absolute = _pairs(_of_nodes(graph, priors.absolute, "absolute"))
     gravity = _pairs(_of_nodes(graph, priors.gravity, "gravity"))
     rigs = _pairs(_of_nodes(graph, priors.rigs, "rig"), "a frame and the camera's rotation in it")
+    for item in rigs:
+        if not isinstance(item.first, (int, str, np.integer)):
+            raise GraphError(
+                f"{item.what} has the frame {item.first!r}, expected an integer or a name"
+            )
     frame_rows = {frame: k for k, frame in enumerate(dict.fromkeys(p.first for p in rigs))}
     try:
         core = _core.GroundedGraph(
             graph._core,
             fixed=_rows(fixed),
-            fixed_rotations=_stack([as_floats(p.value, (3, 3), p.what) for p in fixed], (3, 3)),
+            fixed_rotations=_stack([as_floats(p.value, (3, 3), p.entries) for p in fixed], (3, 3)),
             absolute=_rows(absolute),
             absolute_rotations=_stack(
-                [as_floats(p.first, (3, 3), p.what) for p in absolute], (3, 3)
+                [as_floats(p.first, (3, 3), p.entries) for p in absolute], (3, 3)
             ),
             absolute_weights=_stack([_weight(p) for p in absolute]),
             gravity=_rows(gravity),
-            gravity_downs=_stack([as_floats(p.first, (3,), p.what) for p in gravity], (3,)),
+            gravity_downs=_stack([as_floats(p.first, (3,), p.entries) for p in gravity], (3,)),
             gravity_weights=_stack([_weight(p) for p in gravity]),
             rigs=_rows(rigs),
             rig_frames=np.array([frame_rows[p.first] for p in rigs], dtype=np.int64),
-            rig_rotations=_stack([as_floats(p.second, (3, 3), p.what) for p in rigs], (3, 3)),
+            rig_rotations=_stack([as_floats(p.second, (3, 3), p.entries) for p in rigs], (3, 3)),
             down=as_floats(priors.down, (3,), "down"),
         )
     except _core.InvalidPrior as error:
@@ -138,6 +165,10 @@ class _OfNode:
     row: int
     what: str
     value: Any
+
+    @property
+    def entries(self) -> str:
+        return f"the entries of {self.what}"
 
     @property
     def first(self) -> Any:

@@ -33,3 +33,8 @@ class Priors:
     gravity: Mapping[Any, tuple[ArrayLike, float]] = field(default_factory=dict)
     down: ArrayLike = (0.0, 1.0, 0.0)
     rigs: Mapping[Any, tuple[Any, ArrayLike]] = field(default_factory=dict)
+
+    @property
+    def hold_world(self) -> bool:
+        """Whether there is something that the world is held by."""
+        return bool(self.fixed or self.absolute or self.gravity)

@@ -47,7 +47,7 @@ def refined_gravity(
     for row, (node, value) in zip(rows.tolist(), gravity.items()):
         if row < 0:
             raise GraphError(f"the gravity of node {node!r}: it is not in the graph")
-        vector = as_floats(value, (3,), f"gravity of node {node!r}")
+        vector = as_floats(value, (3,), f"the entries of the gravity of node {node!r}")
         if not (np.isfinite(vector).all() and vector.any()):
             raise GraphError(f"gravity of node {node!r} is {vector.tolist()}, expected a direction")
         down[row] = vector / np.abs(vector).max()

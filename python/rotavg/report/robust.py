@@ -120,7 +120,7 @@ def _said(solution: Solution, fit: RobustFit) -> tuple[str, ...]:
         "the right ones, nor that the robust objective is nowhere lower: that is proved of no "
         "robust loss.",
     ]
-    weak = fit.num_parts - solution.num_components
+    weak = fit.num_parts - solution.num_parts_given
     if weak > 0:
         said.append(
             f"{weak} part{'s' * (weak > 1)} of the graph {'are' if weak > 1 else 'is'} held by "

@@ -32,8 +32,9 @@ class PriorFit:
 
     Attributes:
         nodes: (k,) ids of the nodes that have one, in the order of the graph.
-        noise: estimated standard deviation of the angle by which they are off, radians.
-        threshold: those further off are outliers, radians: 3 times the noise.
+        noise: estimated standard deviation of the angle by which they are off, radians: of one
+            with the median weight of its kind.
+        threshold: of such a one; those further off are outliers, radians: 3 times the noise.
         given_weights: (k,) weights as they were given.
         weights: (k,) these times what the loss left of them.
         is_outlier: (k,) whether they are.
@@ -48,8 +49,8 @@ class PriorFit:
 
     @property
     def believed_weights(self) -> NDArray[np.float64]:
-        """(k,) the given weights of those that are no outliers, of the others what is left."""
-        return np.where(self.is_outlier, self.weights, self.given_weights)
+        """(k,) the given weights, of outliers 1e-6 of them: as edges count in covariances."""
+        return self.given_weights * np.where(self.is_outlier, 1e-6, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,13 +71,14 @@ class RobustFit:
             of "l2" (with a cycle check) pi, as it takes no other edge for an outlier.
         edge_scales: (m,) factors by which scale, noise and threshold of an edge differ from these;
             infinite for trusted edges.
-        objective: the robust objective.
+        objective: the robust objective; with priors, that of the measurements before these are met.
         edge_weights: (m,) the graph's weights times rho'(r) / (2 r), at least 1e-6 of them, so that
-            the graph stays connected (of edges that the cycle check leaves out 1e-12).
+            the graph stays connected (of excluded edges, and those that the cycle check leaves out,
+            1e-12).
         edge_verdicts: (m,) see `Solution.edge_verdicts`.
         part: (n,) label of the part of the graph that each node is in; parts are held together by
-            edges that are no outliers. Where a component has several, their rotations relative to
-            each other rest on distrusted edges alone.
+            edges that are no outliers, and by fixed nodes and absolute priors. Where a component
+            has several, their rotations relative to each other rest on distrusted edges alone.
         absolute_priors: what became of absolute priors; None without, or if they were not judged.
         gravity_priors: the same of gravity.
         alternatives: other answers that the evidence does not rule out (loss "auto" alone looks for
@@ -135,7 +137,11 @@ class RobustFit:
         return int(self.part.max()) + 1
 
     def rows(self, num_components: int) -> list[tuple[str, str]]:
-        """Names and sentences for a printed report."""
+        """Names and sentences for a printed report.
+
+        Args:
+            num_components: how many parts there are if no edge is an outlier.
+        """
         counts = Counter(self.edge_verdicts.tolist())
         reasons = [
             (counts["robust_weight"] + counts["weak_part"], "by their residuals"),
@@ -164,9 +170,9 @@ class RobustFit:
             if fit is not None:
                 rows.append(
                     (
-                        f"{what} priors",
-                        f"{int(fit.is_outlier.sum())} of {len(fit.nodes)} are outliers, beyond "
-                        f"{np.degrees(fit.threshold):.3g} deg",
+                        what,
+                        f"{int(fit.is_outlier.sum())} of {len(fit.nodes)} priors are outliers, "
+                        f"beyond {np.degrees(fit.threshold):.3g} deg",
                     )
                 )
         if counts["trusted"]:
@@ -176,11 +182,12 @@ class RobustFit:
             rows.append(("bridges", f"{some} that no cycle checks"))
         weak = self.num_parts - num_components
         if weak > 0:
+            edges = f" ({counts['weak_part']} edges)" if counts["weak_part"] else ""
             rows.append(
                 (
                     "weak parts",
                     f"{weak} beside the main {'one' if num_components == 1 else 'ones'}: held by "
-                    f"outliers alone ({counts['weak_part']} edges)",
+                    f"outliers alone{edges}",
                 )
             )
         rows += [("alternative", alternative.sentence) for alternative in self.alternatives]

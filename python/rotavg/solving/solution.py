@@ -29,7 +29,7 @@ class Solution(NodeMapping):
     Attributes:
         graph: what was solved.
         rotations: (n, 3, 3) world_from_node, rows as in `graph.nodes`; the first node of every
-            component that no prior holds has the identity.
+            component that no prior holds has the identity (with rigs, its first frame).
         objective: f = sum of w |R_i R_ij - R_j|_F^2, equation (3).
         gradient_norm: Euclidean norm of the gradient, per radian.
         relative_gradient: largest |gradient of node i| / degree of i, in radians:
@@ -158,12 +158,17 @@ class Solution(NodeMapping):
         """Number of connected components."""
         return int(self.component.max()) + 1
 
+    @property
+    def num_parts_given(self) -> int:
+        """Number of parts if no edge, and no prior, is an outlier: gravity alone joins none."""
+        return self.num_components if self.grounded is None else self.grounded.core.num_parts
+
     def __str__(self) -> str:
         n, m = self.graph.num_nodes, self.graph.num_edges
         uncertified = self.certificate is not None and self.status.converged
         head = "Solved" if self.solved else "Not certified:" if uncertified else "Not solved:"
         lines = [f"{head} {n} rotations from {m} relative rotations, {self.timings.total:.3g} s"]
-        lines += [f"  {name:<12}{text}" for name, text in self._rows()]
+        lines += [f"  {name:<11} {text}" for name, text in self._rows()]
         return "\n".join(lines)
 
     def _rows(self) -> list[tuple[str, str]]:
@@ -196,7 +201,8 @@ class Solution(NodeMapping):
             ),
         ]
         if self.num_components > 1:
-            rows.append(("components", f"{self.num_components}, each with a gauge of its own"))
+            held = self.grounded is not None and self.grounded.priors.hold_world
+            rows.append(("components", _gauges(self.num_components, held)))
         if self.grounded is not None:
             rows += self.grounded.rows(self.rotations, self.certificate is not None)
         known = self.known_covariances
@@ -205,7 +211,7 @@ class Solution(NodeMapping):
             about = f"median {np.median(rms):.3g} deg, largest {rms.max():.3g}"
             rows.append(("uncertainty", f"{about} (RMS angle relative to the gauge)"))
         if self.robust is not None:
-            rows += self.robust.rows(self.num_components)
+            rows += self.robust.rows(self.num_parts_given)
         # Residuals on the way to the answer say nothing of the measurements.
         elif self.status.converged and (
             advice := contamination_of(self.graph, self.rotations, self.residual_angles)
@@ -226,6 +232,13 @@ class Solution(NodeMapping):
             f"Solution({self.graph.num_nodes} rotations, objective {self.objective:.9g}, "
             f"{self.status.name.lower()}, {verdict})"
         )
+
+
+def _gauges(num_components: int, held: bool) -> str:
+    if not held:
+        return f"{num_components}, each with a gauge of its own"
+    others = "the other" if num_components == 2 else "each of the others"
+    return f"{num_components}: the priors hold the first, {others} has a gauge of its own"
 
 
 class Interrupted(KeyboardInterrupt):

@@ -129,7 +129,7 @@ def solve(
             "l_half", "cauchy", "geman_mcclure" or "tls" (truncated least squares), of the chord
             2 sin(angle / 2) of every residual angle.
         loss_scale: where the loss begins to distrust, radians; "auto" for a multiple of the noise,
-            which is estimated from the residuals.
+            which is estimated from the residuals. Priors have a scale of their own, always.
         cycle_threshold: with it, an edge is left out from the start if it has `min_cycles` or more
             short cycles, and each of them misses the identity by more than this angle, radians.
         min_cycles: how many short cycles are enough for that.

@@ -102,16 +102,13 @@ def estimated_noise_variance(solution: Solved) -> float:
         freedom = 3 * (int(trusted.sum()) - solution.graph.num_nodes + solution.num_components)
         return solution.objective / freedom if freedom > 0 else float("nan")
     if solution.grounded is not None:
-        grounded = solution.grounded
-        costs = grounded.core.edge_costs(solution.rotations)
-        # The measurements come first.
-        distrusted = np.flatnonzero(~trusted[grounded.between_variables])
-        costs[distrusted] = 0
-        freedom = grounded.core.degrees_of_freedom - 3 * len(distrusted)
-        if solution.robust is not None:
-            kinds = ((3, solution.robust.absolute_priors), (2, solution.robust.gravity_priors))
-            freedom -= sum(k * int(fit.is_outlier.sum()) for k, fit in kinds if fit is not None)
-        return float(costs.sum() / (2 * freedom)) if freedom > 0 else float("nan")
+        robust = solution.robust
+        return solution.grounded.noise_variance(
+            solution.rotations,
+            trusted,
+            None if robust is None else robust.absolute_priors,
+            None if robust is None else robust.gravity_priors,
+        )
     parts = solution.num_components if solution.robust is None else solution.robust.num_parts
     freedom = 3 * (int(trusted.sum()) - solution.graph.num_nodes + parts)
     if freedom <= 0:

@@ -7,28 +7,93 @@
 #include <rotavg/certify/certify_with_priors.hpp>
 #include <rotavg/compiled.hpp>
 #include <rotavg/graph/elimination.hpp>
+#include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/check_rotations.hpp>
+#include <rotavg/problem/objective.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
+
+namespace detail {
+
+/// By how much the objective of every component is larger at R (n,) than where the variables hold
+/// the nodes, from differences, which the objectives themselves would drown; zero to rounding.
+/// @param held (n,) nodes_from() the variables that are next to R
+inline std::vector<double> excess_of(const GroundedGraph& problem, const Rotations& R,
+                                     const Rotations& held) {
+  std::vector<double> excess(problem.components().nodes.size(), 0.0), f = excess, total = excess;
+  const auto add = [&](Index node, double weight, const auto& at_R, const auto& at_held) {
+    const Index c = problem.components().label[problem.riding().variable[node]];
+    excess[c] += weight * (at_R - at_held).cwiseProduct(at_R + at_held).sum();
+    f[c] += weight * at_R.squaredNorm();
+    total[c] += weight;
+  };
+  for (Index k = 0; k < problem.given().num_edges(); ++k) {
+    const Edge& e = problem.given().edges()[k];
+    add(e.i, problem.weights()[k], residual(e, R), residual(e, held));
+  }
+  const CheckedPriors& priors = problem.priors();
+  for (const auto& p : priors.absolute) {
+    add(p.node, p.weight, Matrix3(R[p.node] - p.world_from_node),
+        Matrix3(held[p.node] - p.world_from_node));
+  }
+  for (const auto& p : priors.gravity) {
+    add(p.node, 2.0 * p.weight, Vector3(R[p.node] * p.down - priors.down),
+        Vector3(held[p.node] * p.down - priors.down));
+  }
+  for (std::size_t c = 0; c < excess.size(); ++c) {
+    if (excess[c] <= objective_rounding(total[c], f[c])) excess[c] = 0.0;
+  }
+  return excess;
+}
+
+}  // namespace detail
 
 ROTAVG_INLINE Certificate certify(const GroundedGraph& problem, const Rotations& given,
                                   const CertificateOptions& options) {
-  constexpr double most = 1e-6;  // radians
   const Rotations R = checked_rotations(problem.given(), given);
   const Rotations Q = problem.variables_from(R), held = problem.nodes_from(Q);
   for (std::size_t i = 0; i < R.size(); ++i) {
-    if (angle_between(R[i], held[i]) > most) {
+    if (angle_between(R[i], held[i]) > max_contradiction) {
       throw InvalidRotation(static_cast<Index>(i),
                             "is not where a fixed rotation or its rig holds the node");
     }
   }
   std::vector<Elimination> eliminations =
       grounded_eliminations(problem.graph(), problem.components());
-  return certify(problem.graph(), Q, problem.components(), eliminations, options, {},
-                 problem.gravity());
+  Certificate certificate = certify(problem.graph(), Q, problem.components(), eliminations, options,
+                                    {}, problem.gravity());
+  // That is of Q; f(R) - f* = f(Q) - f* + the excess of R.
+  const std::vector<double> excess = detail::excess_of(problem, R, held);
+  const int num_threads = resolve_num_threads(options.num_threads, problem.graph().num_edges());
+  const auto measures = detail::measure_components(
+      ResidualQuaternions(problem.graph(), to_quaternions(Q), num_threads), problem.components(),
+      problem.gravity());
+  for (std::size_t c = 0; c < excess.size(); ++c) {
+    if (excess[c] == 0.0) continue;
+    ComponentCertificate& part = certificate.components[c];
+    detail::Measure measure = measures[c];
+    measure.objective += excess[c];
+    part.gap += excess[c];
+    part.relative_gap = measure.relative(part.gap);
+    part.verdict = detail::verdict_of(part, options.tolerance);
+    if (part.verdict == Verdict::not_certified && part.shortfall == Shortfall::none) {
+      part.shortfall = Shortfall::leftover;
+    }
+    certificate.gap += excess[c];
+    if (!(part.relative_gap <= certificate.relative_gap)) certificate.shortfall = part.shortfall;
+    certificate.relative_gap = detail::larger(certificate.relative_gap, part.relative_gap);
+  }
+  certificate.verdict = detail::verdict_of(certificate, options.tolerance);
+  return certificate;
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <vector>
 
-#include <rotavg/graph/components.hpp>
 #include <rotavg/reduction/gravity.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/so3/nearest.hpp>

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <algorithm>
-#include <cmath>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -9,6 +8,7 @@
 #include <rotavg/graph/measurement.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/graph/node_rows.hpp>
+#include <rotavg/reduction/gravity.hpp>
 #include <rotavg/reduction/priors.hpp>
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/so3/small_products.hpp>
@@ -19,7 +19,7 @@
 
 namespace rotavg {
 
-/// The priors of one graph, with rows for ids, in the order of the rows; exact rotations,
+/// The priors of one graph, with rows for ids, in the order of the rows; rotations to rounding,
 /// directions of length 1.
 struct CheckedPriors {
   struct Rotation {
@@ -58,21 +58,20 @@ class PriorCheck {
 
   static Matrix3 rotation(PriorKind kind, NodeId node, const Matrix3& R) {
     const double error = orthogonality_error(R);
-    if (!(error <= max_orthogonality_error) || determinant(R) < 0.0) {
+    if (!(error <= max_orthogonality_error && determinant(R) > 0.0)) {
       throw InvalidPrior(kind, node, "is no rotation, expected R^T R = I and det R = 1");
     }
-    return nearest_rotation(R);
+    return error > negligible_orthogonality_error ? nearest_rotation(R) : R;
   }
 
   static Vector3 direction(PriorKind kind, NodeId node, const Vector3& v) {
-    const double size = v.cwiseAbs().maxCoeff();
-    if (!(size > 0.0 && v.allFinite())) {
+    if (!v.allFinite() || v.isZero(0.0)) {
       std::ostringstream reason;
       reason << "is [" << v.x() << ", " << v.y() << ", " << v.z()
              << "], expected a finite direction other than zero";
       throw InvalidPrior(kind, node, reason.str());
     }
-    return (v / size).normalized();
+    return unit_direction(v);
   }
 
   static double weight(PriorKind kind, NodeId node, double weight) {

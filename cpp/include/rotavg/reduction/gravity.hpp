@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cmath>
-#include <vector>
 
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/nearest.hpp>
@@ -17,6 +16,11 @@ namespace rotavg {
 // Q' = Q (2 g g^T - I), which turns by pi about d besides, (Q + Q') / 2 = d g^T, so that
 //
 //     w |R_i Q - R_w|^2 + w |R_i Q' - R_w|^2 = 2 w |R_i d - R_w g|^2 + 8 w.
+
+/// The direction of a finite vector other than zero, however long or short.
+inline Vector3 unit_direction(const Vector3& v) {
+  return (v / v.cwiseAbs().maxCoeff()).normalized();
+}
 
 /// The half turn about a unit vector.
 inline Matrix3 half_turn(const Vector3& axis) {

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <vector>
 
+#include <rotavg/graph/parts.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/reduction/gravity.hpp>
@@ -53,6 +54,7 @@ inline std::vector<double> prior_costs(const GroundedGraph& problem, const Rotat
 
 /// What every edge (m',) of problem.graph() adds to the objective; a pair of gravity, but for its
 /// constant, in its first edge.
+/// @param R (n,) world_from_node
 inline std::vector<double> edge_costs(const GroundedGraph& problem, const Rotations& R) {
   const MeasurementGraph& graph = problem.graph();
   const Rotations Q = problem.variables_from(R);
@@ -87,13 +89,19 @@ inline double objective(const GroundedGraph& problem, const Rotations& R) {
 
 /// Equations less unknowns, if every equation has full rank: the degrees of freedom of the
 /// residuals.
-inline Index degrees_of_freedom(const GroundedGraph& problem) {
-  const auto kept = static_cast<Index>(problem.kept().size());
-  const auto pairs = static_cast<Index>(problem.gravity().first.size());
-  const Index absolute = problem.graph().num_edges() - kept - 2 * pairs;
-  const Index gauges = problem.components().size();  // the world, or a free gauge, in each
-  return 3 * (kept + absolute) + 2 * pairs -
-         (3 * (problem.graph().num_nodes() - gauges) - problem.num_free_headings());
+/// @param holds (m',) the edges of problem.graph() that count
+inline Index degrees_of_freedom(const GroundedGraph& problem, const std::vector<bool>& holds) {
+  std::vector<Index> equations(holds.size(), 3);
+  for (const Index first : problem.gravity().first) {
+    equations[first] = 2;
+    equations[first + 1] = 0;
+  }
+  Index freedom = -3 * problem.graph().num_nodes();
+  for (std::size_t k = 0; k < holds.size(); ++k) freedom += holds[k] ? equations[k] : 0;
+  Index gauges = 0, headings = 0;  // the world, or a free gauge, in each part
+  for (const Index p : parts_joined_by(problem.graph(), holds)) gauges = std::max(gauges, p + 1);
+  for (const Index h : problem.find_free_headings(holds)) headings = std::max(headings, h + 1);
+  return freedom + 3 * gauges + headings;
 }
 
 }  // namespace rotavg

@@ -1,6 +1,10 @@
 #pragma once
 
+#include <algorithm>
+#include <cstddef>
 #include <numeric>
+#include <stdexcept>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -13,6 +17,17 @@
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
 
 namespace rotavg {
+
+/// The rows of the given measurements that join two variables.
+inline std::vector<Index> edges_between_variables(const MeasurementGraph& given,
+                                                  const Riding& riding) {
+  std::vector<Index> kept;
+  for (Index k = 0; k < given.num_edges(); ++k) {
+    const Edge& e = given.edges()[k];
+    if (riding.joins(e.i, e.j)) kept.push_back(k);
+  }
+  return kept;
+}
 
 /// The measurements between the variables that the nodes of a graph ride on, as a graph of these:
 /// first those of the given measurements that join two variables, in their order, then others.
@@ -28,6 +43,8 @@ class ReducedGraph {
         riding_(std::move(riding)),
         kept_(edges_between_variables(given, riding_)),
         graph_(measurements(others), rows(riding_.num_variables)) {}
+  ReducedGraph(const MeasurementGraph&&, Riding,
+               const std::vector<RelativeRotation>& = {}) = delete;
 
   const MeasurementGraph& given() const { return *given_; }
   /// (m,) of the given measurements.
@@ -38,8 +55,13 @@ class ReducedGraph {
   const std::vector<Index>& kept() const { return kept_; }
 
   /// Gives the measurements other weights, one for each of the given graph.
-  /// @throws InvalidEdge for a weight out of bounds
+  /// @throws InvalidEdge for a weight out of bounds, and then changes nothing
+  /// @throws std::invalid_argument unless they are as many
   void set_weights(std::vector<double> weights) {
+    check_count(weights.size(), weights_.size());
+    for (std::size_t k = 0; k < weights.size(); ++k) {
+      check_weight(static_cast<Index>(k), weights[k]);
+    }
     weights_ = std::move(weights);
     std::vector<double> reduced;
     reduced.reserve(graph_.edges().size());
@@ -50,23 +72,21 @@ class ReducedGraph {
     graph_.set_weights(reduced);
   }
   /// Gives the other edges other weights, in their order.
-  /// @throws InvalidEdge for a weight out of bounds
+  /// @throws InvalidEdge for a weight out of bounds, and then changes nothing
+  /// @throws std::invalid_argument unless they are as many
   void set_other_weights(const std::vector<double>& weights) {
     std::vector<double> reduced = weights_of(graph_);
+    check_count(weights.size(), reduced.size() - kept_.size());
     std::copy(weights.begin(), weights.end(),
               reduced.begin() + static_cast<std::ptrdiff_t>(kept_.size()));
     graph_.set_weights(reduced);
   }
 
  private:
-  static std::vector<Index> edges_between_variables(const MeasurementGraph& given,
-                                                    const Riding& riding) {
-    std::vector<Index> kept;
-    for (Index k = 0; k < given.num_edges(); ++k) {
-      const Edge& e = given.edges()[k];
-      if (riding.variable[e.i] != riding.variable[e.j]) kept.push_back(k);
-    }
-    return kept;
+  static void check_count(std::size_t found, std::size_t expected) {
+    if (found == expected) return;
+    throw std::invalid_argument("found " + std::to_string(found) + " weights; expected " +
+                                std::to_string(expected) + ", one for each edge");
   }
 
   std::vector<RelativeRotation> measurements(const std::vector<RelativeRotation>& others) const {

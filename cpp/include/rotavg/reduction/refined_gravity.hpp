@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <cstddef>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/reduction/gravity.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -20,13 +22,13 @@ namespace detail {
 inline Vector3 median_direction(const std::vector<Vector3>& directions,
                                 const std::vector<double>& weights) {
   constexpr double rounded = 1e-3;  // below it, a residual counts as its square
-  constexpr int most = 50;
+  constexpr int max_steps = 50;
   constexpr double settled = 1e-9;
   Vector3 mean = Vector3::Zero();
   for (std::size_t k = 0; k < directions.size(); ++k) mean += weights[k] * directions[k];
   if (mean.isZero(0.0)) return directions.front();
   mean.normalize();
-  for (int k = 0; k < most; ++k) {
+  for (int k = 0; k < max_steps; ++k) {
     Vector3 next = Vector3::Zero();
     for (std::size_t a = 0; a < directions.size(); ++a) {
       next += weights[a] / std::max(rounded, (directions[a] - mean).norm()) * directions[a];
@@ -44,7 +46,8 @@ inline Vector3 median_direction(const std::vector<Vector3>& directions,
 
 /// The direction of gravity at every node, estimated anew from its own and those of its neighbours,
 /// R_ij d_j: what most of them say, by weight, so that single wrong directions and edges do not
-/// count. No absolute rotation is needed.
+/// count. A node's own direction weighs as much as its heaviest edge. No absolute rotation is
+/// needed.
 ///
 /// @param down (n,) in the frame of every node, of any length; zero where it is not known
 /// @param rounds how often, each from the directions that the last one found
@@ -57,7 +60,7 @@ inline std::vector<Vector3> refined_gravity(const MeasurementGraph& graph,
   }
   for (Vector3& d : down) {
     if (!d.allFinite()) throw std::invalid_argument("a direction of gravity is not finite");
-    if (!d.isZero(0.0)) d.normalize();
+    if (!d.isZero(0.0)) d = unit_direction(d);
   }
   std::vector<Vector3> directions;
   std::vector<double> weights;
@@ -66,19 +69,19 @@ inline std::vector<Vector3> refined_gravity(const MeasurementGraph& graph,
     for (Index i = 0; i < graph.num_nodes(); ++i) {
       directions.clear();
       weights.clear();
-      double most = 0.0;
+      double heaviest = 0.0;
       for (const HalfEdge& h : graph.row(i)) {
         if (down[h.node].isZero(0.0)) continue;
         const Edge& e = graph.edges()[h.edge()];
         const Matrix3 i_from_node = h.is_i() ? e.i_from_j : Matrix3(e.i_from_j.transpose());
         directions.push_back(i_from_node * down[h.node]);
         weights.push_back(e.weight);
-        most = std::max(most, e.weight);
+        heaviest = std::max(heaviest, e.weight);
       }
       if (directions.empty()) continue;
       if (!down[i].isZero(0.0)) {
         directions.push_back(down[i]);
-        weights.push_back(most);
+        weights.push_back(heaviest);
       }
       next[i] = detail::median_direction(directions, weights);
     }

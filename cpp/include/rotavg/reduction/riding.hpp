@@ -37,6 +37,8 @@ struct Riding {
   }
 
   Index num_nodes() const { return static_cast<Index>(variable.size()); }
+  /// Whether an edge between nodes i and j is one between two variables.
+  bool joins(Index i, Index j) const { return variable[i] != variable[j]; }
 
   /// C_i R_ij C_j^T, bit by bit R_ij where both ends are variables themselves.
   Matrix3 between(Index i, const Matrix3& i_from_j, Index j) const {

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <cmath>
-#include <string>
 #include <vector>
 
 #include <rotavg/reduction/checked_priors.hpp>
@@ -16,12 +14,15 @@
 
 namespace rotavg {
 
+/// How far what is known exactly may contradict itself, by the rounding of files; radians.
+constexpr double max_contradiction = 1e-6;
+
 /// Frames that a fixed node holds ride on the world, which is variable 0; all others on themselves.
+/// Of several fixed cameras of a frame the first holds it.
 /// @param frames what the nodes ride on
 /// @throws InvalidPrior where the cameras of a rig are fixed to rotations that do not fit together
 inline Riding ride_on_world(const Riding& frames, const std::vector<CheckedPriors::Rotation>& fixed,
                             const MeasurementGraph& graph) {
-  constexpr double most = 1e-6;  // radians
   Riding riding = Riding::alone(frames.num_variables);
   std::vector<bool> held(riding.variable.size(), false);
   for (const CheckedPriors::Rotation& p : fixed) {
@@ -29,7 +30,7 @@ inline Riding ride_on_world(const Riding& frames, const std::vector<CheckedPrior
     const Matrix3 world_from_frame =
         p.world_from_node * frames.variable_from_node[p.node].transpose();
     Matrix3& known = riding.variable_from_node[frame];
-    if (held[frame] && angle_between(known, world_from_frame) > most) {
+    if (held[frame] && angle_between(known, world_from_frame) > max_contradiction) {
       throw InvalidPrior(PriorKind::fixed, graph.nodes()[p.node],
                          "does not fit the rig and another fixed camera of its frame");
     }

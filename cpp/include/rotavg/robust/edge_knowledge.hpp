@@ -91,13 +91,16 @@ struct EdgeUnits {
   std::vector<double> voices;
 };
 
+/// @param typical edges whose median weight is the unit; empty: all
 inline EdgeUnits edge_units(const MeasurementGraph& graph, const EdgeKnowledge& known,
-                            WeightKind kind) {
+                            WeightKind kind, const std::vector<Index>& typical = {}) {
   EdgeUnits units;
   const bool uneven = graph.max_weight() > graph.min_weight();
   if (kind != WeightKind::frequency && uneven) {
     for (const Edge& e : graph.edges()) units.precision.push_back(e.weight);
-    std::vector<double> sorted = units.precision;
+    std::vector<double> sorted;
+    for (const Index k : typical) sorted.push_back(units.precision[k]);
+    if (typical.empty()) sorted = units.precision;
     const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
     std::nth_element(sorted.begin(), middle, sorted.end());
     for (double& p : units.precision) p /= *middle;

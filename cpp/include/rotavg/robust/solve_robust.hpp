@@ -30,8 +30,9 @@ struct RobustOptions {
 
 /// What a robust loss has made of absolute priors, or of gravity.
 struct PriorVerdicts {
-  double noise = 0.0;            ///< estimated standard deviation of their angle, radians
-  double threshold = 0.0;        ///< of outliers, radians: 3 times the noise
+  /// Estimated standard deviation of their angle, radians: of a prior with the median weight.
+  double noise = 0.0;
+  double threshold = 0.0;        ///< of outliers of that weight, radians: 3 times the noise
   std::vector<double> weights;   ///< given weight times robust weight, in the order of the nodes
   std::vector<bool> is_outlier;  ///< in the same order
 };
@@ -42,7 +43,7 @@ struct RobustSolution : Solution {
   RobustLoss loss;                   ///< with the scale that was used
   double noise = 0.0;                ///< estimated standard deviation of the noise angle, radians
   double threshold = 0.0;            ///< of outliers, radians; pi with Loss::l2, which has none
-  double robust_objective = 0.0;     ///< 2 sum w rho(r^2) at `rotations`
+  double robust_objective = 0.0;     ///< 2 sum w rho(r^2), with priors before they are met
   std::vector<double> edge_weights;  ///< (m,) given weight times robust weight
   /// (m,) factors by which the scale, the noise and the threshold of an edge differ from those
   /// above; infinite for trusted ones

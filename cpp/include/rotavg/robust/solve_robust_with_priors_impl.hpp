@@ -10,6 +10,7 @@
 #include <rotavg/compiled.hpp>
 #include <rotavg/reduction/alignment.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
+#include <rotavg/reduction/prior_objective.hpp>
 #include <rotavg/robust/robust_priors.hpp>
 #include <rotavg/robust/solve_robust_impl.hpp>
 #include <rotavg/robust/solve_robust_with_priors.hpp>
@@ -24,13 +25,15 @@ namespace rotavg {
 namespace detail {
 
 /// Makes what was found of the measurements between frames what is told of all the given ones.
-/// Those within a frame are constants, which are judged all the same.
+/// Those within a frame are constants, which are judged all the same, in the same units.
 inline void tell_of_measurements(const GroundedGraph& problem, const RobustOptions& robust,
                                  RobustSolution& solution) {
   const MeasurementGraph& given = problem.given();
   const Riding& frames = problem.frames();
   std::vector<double> weights = weights_of(given);
-  const EdgeUnits units = edge_units(given, robust.known, robust.weight_kind);
+  if (!robust.known.excluded.empty()) leave_out(robust.known.excluded, weights);
+  const EdgeUnits units =
+      edge_units(given, robust.known, robust.weight_kind, edges_between_variables(given, frames));
   std::vector<EdgeVerdict> verdicts(weights.size(), EdgeVerdict::inlier);
   solution.edge_scales.clear();
   std::size_t between = 0;
@@ -38,13 +41,14 @@ inline void tell_of_measurements(const GroundedGraph& problem, const RobustOptio
     const Edge& e = given.edges()[k];
     const double precision = precision_of(units.precision, k);
     solution.edge_scales.push_back(1.0 / std::sqrt(precision));
-    if (frames.variable[e.i] != frames.variable[e.j]) {
+    if (frames.joins(e.i, e.j)) {
       weights[k] = solution.edge_weights[between];
       verdicts[k] = solution.verdicts.edges[between++];
       continue;
     }
     const double x = 0.5 * residual(e, solution.rotations).squaredNorm();
-    weights[k] = std::max(min_weight, e.weight * weight_share(solution.loss, x, precision));
+    const double share = std::max(least_weight_share, weight_share(solution.loss, x, precision));
+    weights[k] = std::max(min_weight, share * weights[k]);
     if (precision * x > solution.threshold * solution.threshold) {
       verdicts[k] = EdgeVerdict::robust_weight;
     }
@@ -69,7 +73,9 @@ inline void tell_of_measurements(const GroundedGraph& problem, const RobustOptio
 /// rotations that drift are held by their priors only there.
 ///
 /// @param weighted with the robust weights of the measurements
-/// @param solution of the measurements alone; receives where it ended, and the verdicts
+/// @param watch that has been running since the call began
+/// @param solution of the measurements alone; receives where it ended, the verdicts, and what it
+///        took
 inline void weigh_priors(GroundedGraph& weighted, const SolveOptions& options,
                          const Stopwatch& watch, RobustSolution& solution) {
   constexpr int turns = 40, rounds = 12;
@@ -84,32 +90,59 @@ inline void weigh_priors(GroundedGraph& weighted, const SolveOptions& options,
     solution.rotations =
         aligned_with_priors(weighted, solution.components.label, std::move(solution.rotations));
   };
+  const double before = watch.seconds();
   turn();
   for (const bool rough : {true, false}) {
     for (int k = 0; k < turns && weigh(rough) > settled; ++k) turn();
   }
-  for (int k = 0; k < rounds && solution.status != Status::stopped; ++k) {
-    SolveOptions rest = options;
-    rest.certify = false;
-    rest.iteration.tolerance = std::max(options.iteration.tolerance, 1e-6);
-    rest.iteration.callback = nullptr;
-    rest.iteration.time_limit = std::max(0.0, options.iteration.time_limit - watch.seconds());
-    solution.rotations = meet_priors(weighted, solution, rest).rotations;
+  solution.timings.init += watch.seconds() - before;
+  SolveOptions rough = options;
+  rough.certify = false;
+  rough.iteration.tolerance = std::max(options.iteration.tolerance, 1e-6);
+  const auto may_go_on = [&] {
+    return solution.status != Status::stopped &&
+           solution.iterations < options.iteration.max_iterations &&
+           watch.seconds() < options.iteration.time_limit;
+  };
+  for (int k = 0; k < rounds && may_go_on(); ++k) {
+    Solution met = meet_priors(weighted, solution, rough, watch);
+    solution.rotations = std::move(met.rotations);
+    solution.iterations = met.iterations;
+    solution.timings = met.timings;
+    if (met.status == Status::stopped) solution.status = met.status;
     if (weigh(false) <= settled) break;
   }
   solution.absolute = priors.absolute();
   solution.gravity = priors.gravity();
 }
 
-/// What is known of the measurements between frames.
-inline EdgeKnowledge between_frames(const GroundedGraph& problem, const EdgeKnowledge& known) {
-  const Riding& frames = problem.frames();
-  std::vector<Index> between;
+/// Joins the parts that the world holds, by fixed nodes and absolute priors that are no outliers.
+/// (Gravity leaves the heading open.)
+inline void join_parts(const GroundedGraph& problem, RobustSolution& solution) {
+  std::vector<bool> measurements;
+  for (const EdgeVerdict verdict : solution.verdicts.edges) {
+    measurements.push_back(!is_outlier(verdict));
+  }
+  std::vector<bool> absolute(problem.priors().absolute.size(), true);
+  for (std::size_t k = 0; k < solution.absolute.is_outlier.size(); ++k) {
+    absolute[k] = !solution.absolute.is_outlier[k];
+  }
+  const std::vector<bool> gravity(problem.priors().gravity.size(), false);
+  const std::vector<Index> part =
+      problem.parts_of_nodes(problem.edges_where(measurements, absolute, gravity));
   for (Index k = 0; k < problem.given().num_edges(); ++k) {
     const Edge& e = problem.given().edges()[k];
-    if (frames.variable[e.i] != frames.variable[e.j]) between.push_back(k);
+    EdgeVerdict& verdict = solution.verdicts.edges[k];
+    if (verdict == EdgeVerdict::weak_part && part[e.i] == part[e.j]) {
+      verdict = EdgeVerdict::robust_weight;
+    }
   }
-  return known.of(between);
+  solution.verdicts.part = part;
+}
+
+/// What is known of the measurements between frames.
+inline EdgeKnowledge between_frames(const GroundedGraph& problem, const EdgeKnowledge& known) {
+  return known.of(edges_between_variables(problem.given(), problem.frames()));
 }
 
 }  // namespace detail
@@ -131,18 +164,21 @@ ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem, const So
         return solve_robust(graph, rough, between, std::move(R));
       });
   if (!problem.priors().rigs.empty()) detail::tell_of_measurements(problem, robust, solution);
-  if (!problem.has_world()) return solution;
+  if (!problem.has_world()) {
+    if (problem.priors().rigs.empty()) return solution;
+    GroundedGraph weighted = problem;
+    weighted.set_weights(solution.edge_weights);
+    solution.objective = objective(weighted, solution.rotations);
+    return solution;
+  }
   GroundedGraph weighted = problem;
   weighted.set_weights(solution.edge_weights);
+  const Rotations before = solution.rotations;
   if (robust.priors && solution.loss.kind != Loss::l2) {
     detail::weigh_priors(weighted, options, watch, solution);
   }
-  SolveOptions rest = options;
-  rest.iteration.max_iterations =
-      std::max(0, options.iteration.max_iterations - solution.iterations);
-  rest.iteration.time_limit = std::max(0.0, options.iteration.time_limit - watch.seconds());
-  const Rotations before = solution.rotations;
-  static_cast<Solution&>(solution) = detail::meet_priors(weighted, solution, rest);
+  detail::join_parts(problem, solution);
+  static_cast<Solution&>(solution) = detail::meet_priors(weighted, solution, options, watch);
   for (Alternative& story : solution.alternatives) {
     const auto k = std::find(story.group.begin(), story.group.end(), 0) - story.group.begin();
     const Matrix3 turn = solution.rotations[k] * before[k].transpose();

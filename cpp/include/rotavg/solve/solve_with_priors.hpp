@@ -18,7 +18,8 @@ class GroundedGraph;
 /// holds a part, its heading is such that its first variable is as near to I as can be.
 ///
 /// The measurements are solved without what holds the world first, then turned to meet it, and
-/// solved with it from there.
+/// solved with it from there. A callback is told of both stages, one after the other: of the first
+/// the objective without what holds the world.
 ///
 /// @param start an initial value, world_from_i of the given nodes
 /// @param start_is_solution whether it is one already, so that none is needed without the world

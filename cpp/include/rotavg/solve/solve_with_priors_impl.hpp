@@ -1,7 +1,9 @@
 #pragma once
 
 #include <algorithm>
+#include <cstddef>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <utility>
 
@@ -29,17 +31,39 @@ namespace detail {
 /// @param solve `Solution solve(const MeasurementGraph&, std::optional<Rotations> start)`, or of a
 ///        type derived from Solution
 /// @returns its rotations and components are those of the given nodes
+/// @throws std::invalid_argument if no edge joins two frames
 template <typename Solve>
 auto solve_measurements(const GroundedGraph& problem, std::optional<Rotations> start,
                         Solve&& solve) {
   const MeasurementGraph& given = problem.given();
   if (problem.priors().rigs.empty()) return solve(given, std::move(start));
   if (start) start = problem.frames().variables_from(checked_rotations(given, *std::move(start)));
+  if (edges_between_variables(given, problem.frames()).empty()) {
+    throw std::invalid_argument("all edges are between cameras of one frame, which the rig holds");
+  }
   const ReducedGraph between_frames(given, problem.frames());
   auto solution = solve(between_frames.graph(), std::move(start));
   solution.rotations = problem.frames().nodes_from(solution.rotations);
   solution.components = components_of_nodes(problem.frames(), solution.components);
   return solution;
+}
+
+/// The components of the given nodes without the world, where rigs join nodes as edges do.
+inline Components components_without_world(const GroundedGraph& problem) {
+  const MeasurementGraph& given = problem.given();
+  const Riding& frames = problem.frames();
+  if (problem.priors().rigs.empty()) return connected_components(given);
+  if (!edges_between_variables(given, frames).empty()) {
+    return components_of_nodes(frames, connected_components(ReducedGraph(given, frames).graph()));
+  }
+  Components alone;  // every frame is one
+  alone.nodes.resize(static_cast<std::size_t>(frames.num_variables));
+  for (Index v = 0; v < frames.num_variables; ++v) {
+    alone.label.push_back(v);
+    alone.row_in_component.push_back(0);
+    alone.nodes[static_cast<std::size_t>(v)].push_back(v);
+  }
+  return components_of_nodes(frames, alone);
 }
 
 /// Makes what was found for the variables what is told of the nodes.
@@ -55,20 +79,28 @@ inline void tell_of_nodes(const GroundedGraph& problem, const Rotations& Q, Solu
 /// Turns what was found without the world to meet its priors, and goes on with them from there.
 ///
 /// @param first of the given nodes, each component in a world of its own
-/// @param options what `first` has left of the limits
+/// @param watch that has been running since the call began: iterations and seconds go on counting
+///        where `first` ended, and what it has left of the limits is what is left
 inline Solution meet_priors(const GroundedGraph& problem, const Solution& first,
-                            SolveOptions options) {
+                            SolveOptions options, const Stopwatch& watch) {
   IterationOptions& limits = options.iteration;
   const bool stopped = first.status == Status::stopped;
+  const double before = watch.seconds();
+  limits.max_iterations = stopped ? 0 : std::max(0, limits.max_iterations - first.iterations);
+  limits.time_limit = std::max(0.0, limits.time_limit - before);
   if (stopped) {
-    limits.max_iterations = 0;
     limits.callback = nullptr;
-  } else if (limits.callback && !problem.gravity().first.empty()) {
+  } else if (limits.callback) {
     double constant = 0.0;
     for (const Index k : problem.gravity().first) {
       constant += 8.0 * problem.graph().edges()[k].weight;
     }
-    limits.callback = [constant, callback = limits.callback](Progress progress) {
+    const bool told = first.status != Status::not_run;  // of the end of what came before
+    limits.callback = [constant, told, before, iterations = first.iterations,
+                       callback = std::move(limits.callback)](Progress progress) {
+      if (progress.iteration == 0 && told) return true;
+      progress.iteration += iterations;
+      progress.seconds += before;
       progress.objective -= constant;
       return callback(progress);
     };
@@ -105,7 +137,11 @@ ROTAVG_INLINE Solution solve(const GroundedGraph& problem, const SolveOptions& o
   Solution first;
   if (start_is_solution && start) {
     first.rotations = checked_rotations(problem.given(), *std::move(start));
-    first.components = connected_components(problem.given());
+    first.components = detail::components_without_world(problem);
+  } else if (edges_between_variables(problem.given(), problem.frames()).empty()) {
+    first.rotations = problem.frames().nodes_from(
+        Rotations(static_cast<std::size_t>(problem.frames().num_variables), Matrix3::Identity()));
+    first.components = detail::components_without_world(problem);
   } else {
     SolveOptions rough = options;
     rough.certify = false;
@@ -115,10 +151,7 @@ ROTAVG_INLINE Solution solve(const GroundedGraph& problem, const SolveOptions& o
           return solve(graph, rough, std::move(R));
         });
   }
-  SolveOptions rest = options;
-  rest.iteration.max_iterations = std::max(0, options.iteration.max_iterations - first.iterations);
-  rest.iteration.time_limit = std::max(0.0, options.iteration.time_limit - watch.seconds());
-  return detail::meet_priors(problem, first, rest);
+  return detail::meet_priors(problem, first, options, watch);
 }
 
 ROTAVG_INLINE Solution solve(const MeasurementGraph& graph, const Priors& priors,

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <cstddef>
+#include <stdexcept>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -22,7 +24,11 @@ namespace detail {
 inline Covariances covariances_of_variables(const GroundedGraph& problem, const Rotations& R,
                                             const std::vector<NodePair>& pairs,
                                             CovarianceOptions options) {
+  if (!options.information.empty()) {
+    throw std::invalid_argument("information of the edges is for graphs without priors");
+  }
   options.turn_of = problem.free_heading();
+  options.free_turns.clear();
   std::vector<bool> held(static_cast<std::size_t>(problem.num_free_headings()), false);
   for (Index v = 0; v < problem.graph().num_nodes(); ++v) {
     const Index turn = options.turn_of[v];
@@ -40,6 +46,12 @@ ROTAVG_INLINE Covariances covariances(const GroundedGraph& problem, const Rotati
                                       const CovarianceOptions& options) {
   std::vector<NodePair> variables;
   for (const NodePair& pair : pairs) {
+    for (const Index node : {pair.base, pair.node}) {
+      if (node >= 0 && node < problem.given().num_nodes()) continue;
+      throw std::invalid_argument("a pair is of row " + std::to_string(node) +
+                                  ", and the graph has " +
+                                  std::to_string(problem.given().num_nodes()) + " nodes");
+    }
     variables.push_back(
         {problem.riding().variable[pair.base], problem.riding().variable[pair.node]});
   }
