@@ -42,9 +42,11 @@ from rotavg.io.rounding import quaternion_notes
 
 _EDGES = {dialect.edge: dialect for dialect in DIALECTS}
 _VERTICES = {dialect.vertex: dialect for dialect in DIALECTS}
-# Tags of applications and tutorials, too, of which an error lists what was found; an id follows.
+# Tags of applications and tutorials, too, of which an error lists what was found; after those an id
+# stands, as a name may look like one.
 _G2O_TAG = re.compile(
-    rb"^[ \t]*\w*(VERTEX|EDGE)_\w+(:\w+)?[ \t]+-?\d+[ \t]", re.MULTILINE | re.IGNORECASE
+    rb"^[ \t]*((VERTEX|EDGE)_SE[23](:QUAT)?[ \t]|\w*(VERTEX|EDGE)_\w+(:\w+)?[ \t]+-?\d+[ \t])",
+    re.MULTILINE | re.IGNORECASE,
 )
 _TORO_TAG = re.compile(rb"^[ \t]*(VERTEX|EDGE)[23][ \t]", re.MULTILINE)
 
