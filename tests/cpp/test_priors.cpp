@@ -330,7 +330,7 @@ TEST_CASE("a warm start of parts that a rig joins is turned as one") {
   // Two priors that contradict each other turn a torn start to two worlds.
   priors.absolute = {{0, truth[0], 1e-3}, {11, random.rotation() * truth[11], 1e-3}};
   const GroundedGraph problem(graph, priors);
-  CHECK(detail::components_without_world(problem).size() == 1);
+  CHECK(components_without_world(problem).size() == 1);
   CHECK(connected_components(graph).size() > 1);
   const Solution solution = solve(problem);
   SolveOptions none;

@@ -204,6 +204,24 @@ class GroundedGraph {
   std::vector<Index> free_heading_;
 };
 
+/// The components of the given nodes without the world, where rigs join nodes as edges do.
+inline Components components_without_world(const GroundedGraph& problem) {
+  const MeasurementGraph& given = problem.given();
+  const Riding& frames = problem.frames();
+  if (problem.priors().rigs.empty()) return connected_components(given);
+  if (!edges_between_variables(given, frames).empty()) {
+    return components_of_nodes(frames, connected_components(ReducedGraph(given, frames).graph()));
+  }
+  Components alone;  // every frame is one
+  alone.nodes.resize(static_cast<std::size_t>(frames.num_variables));
+  for (Index v = 0; v < frames.num_variables; ++v) {
+    alone.label.push_back(v);
+    alone.row_in_component.push_back(0);
+    alone.nodes[static_cast<std::size_t>(v)].push_back(v);
+  }
+  return components_of_nodes(frames, alone);
+}
+
 }  // namespace rotavg
 
 #pragma GCC diagnostic pop

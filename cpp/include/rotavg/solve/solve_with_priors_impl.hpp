@@ -48,24 +48,6 @@ auto solve_measurements(const GroundedGraph& problem, std::optional<Rotations> s
   return solution;
 }
 
-/// The components of the given nodes without the world, where rigs join nodes as edges do.
-inline Components components_without_world(const GroundedGraph& problem) {
-  const MeasurementGraph& given = problem.given();
-  const Riding& frames = problem.frames();
-  if (problem.priors().rigs.empty()) return connected_components(given);
-  if (!edges_between_variables(given, frames).empty()) {
-    return components_of_nodes(frames, connected_components(ReducedGraph(given, frames).graph()));
-  }
-  Components alone;  // every frame is one
-  alone.nodes.resize(static_cast<std::size_t>(frames.num_variables));
-  for (Index v = 0; v < frames.num_variables; ++v) {
-    alone.label.push_back(v);
-    alone.row_in_component.push_back(0);
-    alone.nodes[static_cast<std::size_t>(v)].push_back(v);
-  }
-  return components_of_nodes(frames, alone);
-}
-
 /// Makes what was found for the variables what is told of the nodes.
 /// @param Q of the variables
 inline void tell_of_nodes(const GroundedGraph& problem, const Rotations& Q, Solution& solution) {
@@ -137,11 +119,11 @@ ROTAVG_INLINE Solution solve(const GroundedGraph& problem, const SolveOptions& o
   Solution first;
   if (start_is_solution && start) {
     first.rotations = checked_rotations(problem.given(), *std::move(start));
-    first.components = detail::components_without_world(problem);
+    first.components = components_without_world(problem);
   } else if (edges_between_variables(problem.given(), problem.frames()).empty()) {
     first.rotations = problem.frames().nodes_from(
         Rotations(static_cast<std::size_t>(problem.frames().num_variables), Matrix3::Identity()));
-    first.components = detail::components_without_world(problem);
+    first.components = components_without_world(problem);
   } else {
     SolveOptions rough = options;
     rough.certify = false;
