@@ -105,12 +105,12 @@ inline std::vector<double> rejected_and_coherent(const std::vector<double>& x,
 ///    contradicts (Evidence).
 /// 2. The maximum spanning tree by strength, weight times overlap (Neighbourhoods), is polished. If
 ///    it tells the same story, that is it.
-/// 3. While the evidence is not clear, trees by overlap alone and, if the weights differ, by both
-///    and by weight alone.
+/// 3. While the evidence is not clear, trees by weight alone and by both, if the weights differ,
+///    and by overlap alone.
 /// 4. What the rejected edges would say, if many of them agree with one another.
-/// 5. All are compared at one scale, the noise of the first, or the smallest if that is coarse. A
-///    later one takes its place where the voices of the strongest edges clearly prefer it; what
-///    they do not rule out is an alternative.
+/// 5. All are compared at one scale, the noise of the first, or the smallest if that is coarse. One
+///    takes the place of the first where the voices of the strongest edges clearly prefer it, of
+///    several the one that they prefer; what they do not rule out is an alternative.
 ///
 /// @param run that judges residuals in their own units
 /// @param loss_noises the scale of the loss in units of the noise
@@ -189,7 +189,9 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
       for (Story& other : stories) units_of(other);
     }
     units_of(story);
-    const bool better = evidence.compare(story.x, stories[best].x).clear();
+    // Against the first it has to be clear; trees are compared among each other on equal terms.
+    const bool better = evidence.compare(story.x, stories[0].x).clear() &&
+                        (best == 0 || evidence.compare(story.x, stories[best].x).lead() > 0.0);
     bool same = false;
     for (const Story& other : stories) same = same || !differ(story, other);
     if (same && !better) return;
@@ -200,13 +202,13 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
     stories.push_back(std::move(story));
   };
   attempt("the tree by weight and overlap", strength);
+  const bool uneven = graph.max_weight() > graph.min_weight();
+  if (uneven && doubtful()) attempt("the tree by weight", weights);
   if (doubtful()) {
     const std::vector<double> second = neighbourhoods.overlap(overlap);
     attempt("the tree by overlap", second);
     for (std::size_t k = 0; k < m; ++k) strength[k] *= second[k];
-    const bool uneven = graph.max_weight() > graph.min_weight();
     if (uneven && doubtful()) attempt("the tree by weight and overlap twice", strength);
-    if (uneven && doubtful()) attempt("the tree by weight", weights);
   }
 
   // 4.

@@ -1,0 +1,107 @@
+"""Other answers that stand: where one side of a thing looks like another."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rotavg
+from rotavg.graph.conventions import matrices_from_rotvecs
+
+
+def folded_ring(n: int = 80, even: bool = False) -> tuple[rotavg.MeasurementGraph, np.ndarray]:
+    """Cameras on a ring about a thing with two like sides, which some edges confuse."""
+    rng = np.random.default_rng(3)
+    about_z = np.zeros((n, 3))
+    about_z[:, 2] = 2 * np.pi * np.arange(n) / n
+    truth = matrices_from_rotvecs(about_z)
+    half_turn = np.diag([-1.0, -1.0, 1.0])
+    edges, rotations, weights = [], [], []
+
+    def add(i: int, j: int, turn: np.ndarray, weight: float) -> None:
+        noise = matrices_from_rotvecs(0.002 * rng.standard_normal((1, 3)))[0]
+        edges.append((min(i, j), max(i, j)))
+        rotations.append(truth[min(i, j)].T @ turn @ truth[max(i, j)] @ noise)
+        weights.append(1.0 if even else weight)
+
+    for i in range(n):
+        for step in range(1, 7):
+            add(i, (i + step) % n, np.eye(3), 400 / step)
+        for step in (-1, 0, 1):
+            if i < n // 2:
+                add(i, (i + n // 2 + step) % n, half_turn, 60 / (1 + abs(step)))
+    return rotavg.MeasurementGraph(edges, np.array(rotations), weights=weights), truth
+
+
+@pytest.mark.parametrize("even", [False, True])
+def test_the_answer_is_not_the_folded_one(even: bool) -> None:
+    graph, truth = folded_ring(even=even)
+    solution = rotavg.solve(graph, loss="auto")
+    assert np.degrees(rotavg.compare(solution.rotations, truth).angles.max()) < 1
+    assert "starts led to" in solution.reason
+
+
+def test_a_robust_proof_names_what_is_proved() -> None:
+    graph, _ = folded_ring()
+    solution = rotavg.solve(graph, loss="auto")
+    verdict = next(line for line in str(solution).splitlines() if "verdict" in line)
+    assert "of the least squares on the edges it kept" in verdict
+    rejected = int(solution.is_outlier.sum())
+    assert f"{rejected} of {graph.num_edges} edges rejected" in verdict
+
+
+def test_two_halves_that_two_edges_join_in_two_ways_have_two_stories() -> None:
+    rng = np.random.default_rng(5)
+    n = 12
+    truth = matrices_from_rotvecs(rng.standard_normal((2 * n, 3)))
+    wrong = matrices_from_rotvecs(np.array([[1.0, 0, 0]]))[0]
+    edges, rotations = [], []
+
+    def add(i: int, j: int, turn: np.ndarray) -> None:
+        noise = matrices_from_rotvecs(0.003 * rng.standard_normal((1, 3)))[0]
+        edges.append((i, j))
+        rotations.append(truth[i].T @ turn @ truth[j] @ noise)
+
+    for half in (0, n):
+        for i in range(n):
+            for j in range(i):
+                add(half + j, half + i, np.eye(3))
+    for k in range(8):
+        add(k, n + k, np.eye(3))
+    for k in range(8):
+        add(k, n + (k + 3) % 8, wrong)
+    solution = rotavg.solve(rotavg.MeasurementGraph(edges, np.array(rotations)), loss="auto")
+    robust = solution.robust
+    assert robust is not None
+    for story in robust.alternatives:
+        assert story.rotations.shape == (2 * n, 3, 3)
+        shared = story.group == 0
+        # In the gauge of the answer, what both share is the same.
+        error = np.abs(story.rotations[shared] - solution.rotations[shared]).max()
+        assert error < 0.1
+        assert sorted(story.nodes.tolist()) == np.flatnonzero(~shared).tolist()
+        assert story.bundles[0].alternative_edges > 0
+        assert story.sentence in str(solution)
+
+
+def test_stories_are_in_the_json_and_in_the_report(tmp_path: Path) -> None:
+    graph, _ = folded_ring()
+    rotavg.write(tmp_path / "ring.npz", graph)
+    command = [sys.executable, "-m", "rotavg", "solve", str(tmp_path / "ring.npz")]
+    done = subprocess.run(
+        [*command, "--loss", "auto", "--json"], capture_output=True, text=True, check=True
+    )
+    told = json.loads(done.stdout)["robust"]
+    assert told["weak_parts"] == 0
+    assert isinstance(told["alternatives"], list)
+
+
+def test_the_maximum_spanning_tree_starts_along_the_heaviest_edges() -> None:
+    graph, truth = folded_ring()
+    start = rotavg.solve(graph, init="maximum_spanning_tree", max_iterations=0, certify=False)
+    assert np.degrees(rotavg.compare(start.rotations, truth).angles.max()) < 5
