@@ -8,6 +8,9 @@
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Products of the measurements along the spanning tree whose edges have the largest keys, R = I at
@@ -59,3 +62,5 @@ inline Rotations maximum_spanning_tree_init(const MeasurementGraph& graph) {
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -9,6 +9,9 @@
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/types.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// Below this the noise is not told from rounding: 0.006 degrees.
@@ -92,3 +95,5 @@ inline double noise_among_random(std::vector<double> x) {
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop
