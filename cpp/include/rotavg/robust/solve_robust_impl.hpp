@@ -112,7 +112,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
                                           std::optional<Rotations> start) {
   constexpr double l1_scale = 0.01, outlier_noises = 3.0;
   constexpr double l1_gain = 1e-4, loss_gain = 1e-5;
-  constexpr int l1_limit = 60, loss_limit = 500;
+  constexpr int l1_limit = 60, brief_limit = 30, loss_limit = 500;
   if (!(robust.scale >= 0.0) || !(robust.cycle_threshold >= 0.0)) {
     throw std::invalid_argument("a scale or threshold is negative or not a number");
   }
@@ -165,28 +165,31 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   if (loss.scale == 0.0) loss.scale = default_scale(loss.kind, part.series().freedom()) * noise;
   const double prepared = run.seconds();
   if (go_on()) R = run.graduated(R, loss);
-  const auto settle = [&](const Rotations& from) {
-    return run.reweighted(from, loss, loss_gain, go_on() ? loss_limit : 0);
+  const bool compares =
+      robust.loss == Loss::automatic && !start && options.init == Initialization::automatic;
+  const auto settle = [&](const Rotations& from, int limit) {
+    return run.reweighted(from, loss, loss_gain, go_on() ? limit : 0);
   };
-  IterationResult reweighted = settle(R);
+  IterationResult reweighted = settle(R, compares ? brief_limit : loss_limit);
   // Of losses that never stop growing as fast as r, a lower objective is the pull of the outliers.
   const bool redescends = loss.kind != Loss::huber && loss.kind != Loss::l1;
   for (const Rotations& other : starts) {
     if (!redescends || !(run.objective_at(other, loss) < reweighted.objective)) continue;
-    IterationResult second = settle(other);
+    IterationResult second = settle(other, loss_limit);
     if (second.objective < reweighted.objective) reweighted = std::move(second);
   }
 
   // 5.
   Portfolio portfolio;
-  if (robust.loss == Loss::automatic && options.init == Initialization::automatic && !start &&
-      go_on()) {
+  if (compares && go_on()) {
     const double loss_noises = default_scale(loss.kind, part.series().freedom());
     portfolio = find_stories(run, part.graph(), loss_noises, reweighted.rotations, noise);
     if (portfolio.replaced) {
       noise = portfolio.best.noise;
       if (robust.scale == 0.0) loss.scale = loss_noises * noise;
-      reweighted = settle(portfolio.best.rotations);
+    }
+    if (portfolio.replaced || reweighted.status == Status::iteration_limit) {
+      reweighted = settle(portfolio.best.rotations, loss_limit);
     }
   }
   const double reweighting_seconds = run.seconds() - prepared;
