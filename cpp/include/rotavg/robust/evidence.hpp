@@ -95,10 +95,10 @@ class Evidence {
   /// Whether there is no doubt that the first of two answers is the better one.
   ///
   /// Where the other explains many edges that the first does not, of all and beside those that only
-  /// the first explains, one cause makes them all, and either answer may be the folded one. Then the
-  /// voices must be all but unanimous, and the weights bear them out; without weights, the pairs
-  /// that ought to match and do not. Where it explains few, chance is the other cause, and the
-  /// voices decide by their number.
+  /// the first explains, one cause makes them all, and either answer may be the folded one. Then
+  /// the voices must be all but unanimous, and the weights bear them out; without weights, the
+  /// pairs that ought to match and do not. Where it explains few, chance is the other cause, and
+  /// the voices decide by their number.
   bool rules_out_other(const std::vector<double>& x, const std::vector<double>& other) const {
     constexpr double many_edges = 0.02, as_many = 0.3, chance = 3.0, clear = 5.0;
     constexpr double dissent = 0.03, less = 0.7;
