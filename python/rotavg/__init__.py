@@ -10,6 +10,9 @@ A measurement graph of relative rotations goes in, absolute rotations with a cer
 Convention (pose family): R_i is world_from_i, R_ij is i_from_j, and R_i R_ij = R_j.
 """
 
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from rotavg._core import Progress, __version__
 from rotavg.base.errors import (
     Error,
@@ -22,22 +25,54 @@ from rotavg.base.errors import (
     SolverError,
     UnknownNodeError,
 )
-from rotavg.evaluation.compare import Comparison, compare
-from rotavg.evaluation.hardness import Hardness, hardness
 from rotavg.graph.known_rotations import KnownRotations
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import nearest_rotation
 from rotavg.graph.translations import RelativeTranslations
-from rotavg.io import read, read_rotations, write, write_covariances, write_edges
 from rotavg.priors.priors import Priors
-from rotavg.priors.refined_gravity import refined_gravity
-from rotavg.simulation.simulate import Simulation, simulate
 from rotavg.solving.certificate import Certificate, ComponentCertificate, Shortfall, Verdict
-from rotavg.solving.positions import positions
 from rotavg.solving.robust import CycleEvidence, PriorFit, RobustFit, cycle_evidence
 from rotavg.solving.solution import Interrupted, Solution
 from rotavg.solving.solve import certify, gradient, objective, solve
 from rotavg.solving.status import Status, Timings, Trace
+
+if TYPE_CHECKING:
+    from rotavg.evaluation.compare import Comparison, compare
+    from rotavg.evaluation.hardness import Hardness, hardness
+    from rotavg.io import read, read_rotations, write, write_covariances, write_edges
+    from rotavg.priors.refined_gravity import refined_gravity
+    from rotavg.simulation.simulate import Simulation, simulate
+    from rotavg.solving.positions import positions
+
+# What not every program needs is imported at its first use: reading alone is half of the modules.
+_AT_FIRST_USE = {
+    "Comparison": "rotavg.evaluation.compare",
+    "compare": "rotavg.evaluation.compare",
+    "Hardness": "rotavg.evaluation.hardness",
+    "hardness": "rotavg.evaluation.hardness",
+    "read": "rotavg.io",
+    "read_rotations": "rotavg.io",
+    "write": "rotavg.io",
+    "write_covariances": "rotavg.io",
+    "write_edges": "rotavg.io",
+    "refined_gravity": "rotavg.priors.refined_gravity",
+    "Simulation": "rotavg.simulation.simulate",
+    "simulate": "rotavg.simulation.simulate",
+    "positions": "rotavg.solving.positions",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _AT_FIRST_USE:
+        raise AttributeError(f"module 'rotavg' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_AT_FIRST_USE[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
 
 __all__ = [
     "Certificate",
