@@ -14,6 +14,7 @@
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/linalg/cholesky_rounding.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/objective.hpp>
@@ -39,6 +40,7 @@ struct Measure {
   /// would hide all that the others say.
   double weight = 0.0;
   double total_weight = 0.0;
+  double num_edges = 0.0;
 
   /// What a gap is relative to; NaN where the objective is.
   double scale() const {
@@ -62,6 +64,7 @@ inline std::vector<Measure> measure_components(const ResidualQuaternions& residu
     const Vector4& e = residuals()[k];
     const double weight = e.squaredNorm();
     measures[c].total_weight += weight;
+    measures[c].num_edges += 1.0;
     lightest[c] = std::min(lightest[c], weight);
     if (pair == gravity.first.end() || k < *pair) {
       measures[c].objective += 8.0 * e.head<3>().squaredNorm();
@@ -73,7 +76,8 @@ inline std::vector<Measure> measure_components(const ResidualQuaternions& residu
     }
   }
   for (Measure& measure : measures) {
-    measure.objective += objective_rounding(measure.total_weight, measure.objective);
+    const double summing = unit_roundoff * measure.num_edges * measure.objective;
+    measure.objective += objective_rounding(measure.total_weight, measure.objective) + summing;
     measure.weight = measure.total_weight;
   }
   constexpr double most = 1000.0;

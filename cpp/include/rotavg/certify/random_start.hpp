@@ -145,24 +145,34 @@ class RandomStart {
     const Index n = single.num_nodes();
     Single z(static_cast<std::size_t>(n)), Mz(z);
     const auto root = [&](Index a) { return std::sqrt(S_.graph().degree(S_.nodes()[a])); };
-    const auto apply = [&](const Eigen::VectorXd& y) {
+    // Between z and y = D^1/2 z.
+    const auto scaled = [&](const Single& from) {
+      Eigen::VectorXd y(S_.size());
+      for (Index a = 0; a < n; ++a) y.segment<3>(3 * a) = root(a) * from[a];
+      return y;
+    };
+    const auto unscale = [&](const Eigen::VectorXd& y) {
       for (Index a = 0; a < n; ++a) z[a] = y.segment<3>(3 * a) / root(a);
+    };
+    const auto apply = [&](const Eigen::VectorXd& y) {
+      unscale(y);
       for (auto& block : Mz) block.setZero();
       single.apply(z, 1.0, 0.0, 0.0, Mz);
-      single.project(Mz);
-      Eigen::VectorXd result(y.size());
-      for (Index a = 0; a < n; ++a) result.segment<3>(3 * a) = root(a) * Mz[a];
-      return result;
+      return scaled(Mz);
     };
-    const Single random = single.random(options_.seed ^ 0x1a2b3c4d);
-    Eigen::VectorXd start(S_.size());
-    for (Index a = 0; a < n; ++a) start.segment<3>(3 * a) = root(a) * random[a];
+    const auto project = [&](Eigen::VectorXd& y) {
+      unscale(y);
+      single.project(z);
+      y = scaled(z);
+    };
     LanczosOptions lanczos;
     lanczos.relative_tolerance = 0.5;
     lanczos.min_iterations = 10;
-    lanczos.max_iterations = static_cast<int>(std::min(0.25 * options_.max_products, 500.0));
+    lanczos.max_iterations = static_cast<int>(
+        std::min({0.25 * options_.max_products, 500.0, double(single.dimension())}));
     lanczos.keep_going = [&] { return goes_on(); };
-    return smallest_ritz_value(apply, std::move(start), lanczos).value;
+    Eigen::VectorXd start = scaled(single.random(options_.seed ^ 0x1a2b3c4d));
+    return smallest_ritz_value(apply, project, std::move(start), lanczos).value;
   }
 
   Result run(double tau, double cut, double eta, double t, int max_steps, std::uint64_t seed) {

@@ -77,11 +77,12 @@ struct LanczosOptions {
 /// The smallest eigenvalue of a symmetric operator by Lanczos' method (Lanczos 1950), without
 /// storing the basis: extreme eigenvalues do not suffer from lost orthogonality (Paige 1971).
 ///
-/// @param apply `Eigen::VectorXd apply(const Eigen::VectorXd&)`; where the search is to stay on a
-///        complement, it projects what it returns
-/// @param start not zero, on the complement
-template <typename Operator>
-RitzValue smallest_ritz_value(Operator&& apply, Eigen::VectorXd start,
+/// @param apply `Eigen::VectorXd apply(const Eigen::VectorXd&)`
+/// @param project `void project(Eigen::VectorXd&)`, onto the space where the search is to stay;
+///        asked last of all, as rounding is much of a short vector
+/// @param start not zero, in that space
+template <typename Operator, typename Projection>
+RitzValue smallest_ritz_value(Operator&& apply, Projection&& project, Eigen::VectorXd start,
                               const LanczosOptions& options) {
   constexpr int between_checks = 5;
   RitzValue result;
@@ -94,12 +95,14 @@ RitzValue smallest_ritz_value(Operator&& apply, Eigen::VectorXd start,
     const double a = q.dot(next);
     next -= a * q;
     if (!beside.empty()) next -= beside.back() * last;
+    project(next);
     const double b = next.norm();
     diagonal.push_back(a);
     scale = std::max(scale, std::abs(a) + b);
     const bool exhausted = !(b > 1e-14 * scale);
     const int size = static_cast<int>(diagonal.size());
-    if (exhausted || (size >= options.min_iterations && size % between_checks == 0)) {
+    const bool ends = exhausted || size == options.max_iterations;
+    if (ends || (size >= options.min_iterations && size % between_checks == 0)) {
       const TridiagonalEigen eigen = smallest_tridiagonal_eigen(diagonal, beside);
       result.value = eigen.value;
       result.residual = std::abs(b * eigen.last_entry);
