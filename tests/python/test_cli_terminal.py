@@ -16,7 +16,7 @@ import pytest
 
 import rotavg
 from rotavg.cli.main import commands
-from rotavg.cli.output import _fraction
+from rotavg.cli.progress import Fall
 
 pty = pytest.importorskip("pty", reason="this system has no pseudo-terminals")
 
@@ -128,11 +128,20 @@ def test_ctrl_c_leaves_a_clean_terminal(tmp_path: Path) -> None:
 
 
 def test_the_bar_counts_orders_of_magnitude() -> None:
-    assert _fraction(1e-1, 1e-3, 1e-9) == pytest.approx(2 / 8)
-    assert _fraction(1e-1, 1e-9, 1e-9) == 1.0
-    assert _fraction(1e-1, 1e-12, 1e-9) == 1.0
-    for nothing_to_tell in ((0.0, 0.0, 1e-9), (1.0, 1.0, 1e-9), (1.0, 0.1, 0.0), (1.0, 2.0, 1e-9)):
-        assert _fraction(*nothing_to_tell) == 0.0
+    def fraction(first: float, now: float, last: float) -> float:
+        fall = Fall(last)
+        assert fall.fraction(0, first) < 1.0
+        return fall.fraction(3, now)
+
+    assert fraction(1e-1, 1e-3, 1e-9) == pytest.approx(2 / 8)
+    assert fraction(1e-1, 1e-9, 1e-9) == 1.0
+    assert fraction(1e-1, 1e-12, 1e-9) == 1.0
+    for nothing_to_tell in ((1.0, 1.0, 1e-9), (1.0, 0.1, 0.0), (1.0, 2.0, 1e-9)):
+        assert fraction(*nothing_to_tell) == 0.0
+    again = Fall(1e-9)
+    assert again.fraction(3, 1e-9) == 1.0  # the first run has converged, another begins
+    assert again.fraction(0, 1e-1) == 0.0
+    assert again.fraction(1, 1e-3) == pytest.approx(2 / 8)
 
 
 def test_every_option_is_in_the_help_once() -> None:

@@ -9,7 +9,8 @@ import click
 
 import rotavg
 from rotavg.cli import options
-from rotavg.cli.output import print_json, print_losses, print_notes, working
+from rotavg.cli.output import print_json, print_losses, print_notes
+from rotavg.cli.progress import working
 from rotavg.cli.reading import read_graph, reading_options
 from rotavg.io import check_writable, losses
 from rotavg.io.formats import num_nodes_written, warned_losses

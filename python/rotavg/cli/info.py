@@ -10,7 +10,8 @@ import numpy as np
 
 import rotavg
 from rotavg.cli import options
-from rotavg.cli.output import print_json, print_notes, print_table, working
+from rotavg.cli.output import print_json, print_notes, print_table
+from rotavg.cli.progress import working
 from rotavg.cli.reading import read_graph, reading_options
 from rotavg.solving.robust import bridges, contamination
 

@@ -1,4 +1,4 @@
-"""What the commands print: one JSON object, a table, a report, an error, a line of progress.
+"""What the commands print: one JSON object, a table, a report, an error.
 
 Colours are left to rich: it uses them on terminals alone, and honours NO_COLOR and TERM=dumb.
 """
@@ -6,18 +6,14 @@ Colours are left to rich: it uses them on terminals alone, and honours NO_COLOR 
 from __future__ import annotations
 
 import io
-import math
 import os
 import sys
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Callable, Optional
+from typing import Any
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, SpinnerColumn, TextColumn
-from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
@@ -25,8 +21,6 @@ import rotavg
 from rotavg.base.json_text import json_text
 from rotavg.io import losses
 from rotavg.io.formats import losses_of_solution
-
-Callback = Optional[Callable[[rotavg.Progress], None]]
 
 
 def print_text(text: str) -> None:
@@ -112,56 +106,3 @@ def print_solution_losses(path: Path, solution: rotavg.Solution, format: str | N
         print_losses(path, solution.graph, format)
     for loss in losses_of_solution(path, solution, format):
         click.echo(f"note: {path}: {loss}", err=True)
-
-
-@contextmanager
-def working(on: str) -> Iterator[None]:
-    """Say on stderr, for as long as it lasts, what is worked on; only where that is a terminal."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    with Console(stderr=True).status(Text(on)):
-        yield
-
-
-@contextmanager
-def progress(
-    tolerance: float = 1e-9, stop: str = "gradient", certify: bool = True
-) -> Iterator[Callback]:
-    """A callback that shows on stderr how far the solver is; None where that is no terminal.
-
-    How far: by how many of the orders of magnitude that the gradient (or step) has to fall.
-    """
-    if not sys.stderr.isatty():
-        yield None
-        return
-    columns = (SpinnerColumn(), BarColumn(20), TextColumn("{task.description}"))
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("starting", total=1.0)
-        first, shown = 0.0, 0.0
-
-        def show(p: rotavg.Progress) -> None:
-            nonlocal first, shown
-            now = p.relative_gradient if stop == "gradient" else p.step
-            if p.iteration == 0:  # there is no step yet
-                first, shown = 0.0, 0.0
-            first = max(first, now)
-            if now <= tolerance and p.iteration > 0:
-                then = "certifying" if certify else "converged"
-                bar.update(task, description=then, completed=1.0)
-            elif p.seconds - shown >= 0.1:
-                shown = p.seconds
-                text = (
-                    f"iteration {p.iteration}, objective {p.objective:.9g}, "
-                    f"relative gradient {p.relative_gradient:.1e}, {p.seconds:.1f} s"
-                )
-                bar.update(task, description=text, completed=_fraction(first, now, tolerance))
-
-        yield show
-
-
-def _fraction(first: float, now: float, last: float) -> float:
-    """How far `now` is on the way from `first` down to `last`, in orders of magnitude."""
-    if not (first > now > 0 and last > 0):
-        return 0.0
-    return min(1.0, math.log(first / now) / math.log(first / last))

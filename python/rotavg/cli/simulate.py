@@ -10,7 +10,8 @@ import click
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.options import number
-from rotavg.cli.output import print_json, print_losses, working
+from rotavg.cli.output import print_json, print_losses
+from rotavg.cli.progress import working
 from rotavg.io import atomic, check_writable
 from rotavg.io.edges import write_edge_list
 from rotavg.simulation.simulate import KINDS

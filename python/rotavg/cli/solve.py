@@ -21,10 +21,9 @@ from rotavg.cli.output import (
     print_notes,
     print_solution,
     print_solution_losses,
-    progress,
-    working,
 )
 from rotavg.cli.priors import check_prior_options, prior_options, read_priors
+from rotavg.cli.progress import progress, working
 from rotavg.cli.reading import NAMES as READING
 from rotavg.cli.reading import read_graph, reading_options
 from rotavg.cli.start import init_option, read_start
