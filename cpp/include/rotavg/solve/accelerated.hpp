@@ -97,7 +97,9 @@ inline IterationResult accelerated_sum(const MeasurementGraph& graph, const Rota
     return std::sqrt(change2 / (3.0 * graph.num_nodes()));
   };
   SumStep step(graph, mu_rule, monitor);
-  return accelerate<DavenportMatrices>(graph, R, monitor, step, measure);
+  const int num_threads = monitor.num_threads();
+  return detail::restated(graph, accelerate<DavenportMatrices>(graph, R, monitor, step, measure),
+                          num_threads);
 }
 
 }  // namespace rotavg

@@ -40,6 +40,14 @@ struct StepSums {
   }
 };
 
+/// Small differences of large sums are good enough to iterate by, and stay in the trace. What is
+/// returned is summed edge by edge.
+inline IterationResult restated(const MeasurementGraph& graph, IterationResult result,
+                                int num_threads) {
+  result.objective = objective(graph, result.rotations, num_threads);
+  return result;
+}
+
 }  // namespace detail
 
 /// One step of successive upper-bound minimisation, and the mu that it has arrived at.
@@ -112,7 +120,8 @@ inline IterationResult sum(const MeasurementGraph& graph, const Rotations& R,
     std::swap(q, next);
     std::swap(at, after);
   }
-  return std::move(monitor).result(to_rotations(q, R));
+  const int num_threads = monitor.num_threads();
+  return detail::restated(graph, std::move(monitor).result(to_rotations(q, R)), num_threads);
 }
 
 }  // namespace rotavg
