@@ -109,7 +109,8 @@ inline ComponentBound bound_by_eigenvalue(const CertificateMatrix& S,
                                           const Eigen::MatrixXd& near = {}) {
   const Eigenpair pair = min_eigenvalue_on_complement(S, keep_going, 0.1, max_iterations, near);
   const double theta = pair.value - pair.residual;
-  const double epsilon = S.leftover().norm() / std::sqrt(static_cast<double>(S.num_nodes()));
+  const Eigen::MatrixXd K = S.leftover();
+  const double epsilon = K.norm() / std::sqrt(static_cast<double>(S.num_nodes()));
   const double below_zero = 0.5 * (std::hypot(theta, 2.0 * epsilon) - theta);
   ComponentBound bound;
   if (!pair.converged) {  // a negative Rayleigh quotient refutes R all the same
@@ -119,7 +120,8 @@ inline ComponentBound bound_by_eigenvalue(const CertificateMatrix& S,
   bound.method = CertificateMethod::eigenvalue;
   bound.gap = below_zero * static_cast<double>(S.size()) + S.rounding_trace();
   bound.is_definite = theta > 0.0;
-  bound.lambda_min = pair.value < 0.0 ? pair.value : -below_zero;
+  bound.lambda_min =
+      pair.value < 0.0 ? pair.value : lambda_min_near_null_vectors(S, K, -below_zero, keep_going);
   return bound;
 }
 
