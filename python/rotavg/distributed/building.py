@@ -115,7 +115,10 @@ def _grown(client: Any, submit: Any, regions: list[Any], owners: Any) -> list[An
             break
         regions = [
             submit(
-                _larger, region, rings[p], [submit(_edges_at, regions[q], rings[p], owners) for q in told[p][1]]
+                _larger,
+                region,
+                rings[p],
+                [submit(_edges_at, regions[q], rings[p], owners) for q in told[p][1]],
             )
             for p, region in enumerate(regions)
         ]
@@ -131,7 +134,8 @@ def _item(container: Any, key: int) -> Any:
 
 
 def _sum(arrays: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    return np.sum(arrays, axis=0)
+    total: NDArray[np.float64] = np.sum(arrays, axis=0)
+    return total
 
 
 def _count(piece: NDArray[np.int64]) -> int:

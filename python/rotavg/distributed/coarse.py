@@ -69,7 +69,8 @@ def joints(part: Part, R: Rotations, piece: NDArray[np.float64]) -> Joints:
 
     Args:
         part: the part.
-        R, piece: (n, 3, 3) and (n,) of all its nodes.
+        R: (n, 3, 3) of all its nodes.
+        piece: (n,) of all its nodes.
     """
     edges = part.edges.take(part.counted)
     p, q = piece[edges.i].astype(np.int64), piece[edges.j].astype(np.int64)

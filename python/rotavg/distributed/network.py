@@ -1,4 +1,4 @@
-"""Tasks on a Dask cluster: one for each part, with what the parts around it have at their boundary."""
+"""Tasks on a Dask cluster: one for each part, with what the parts around it have to tell it."""
 
 from __future__ import annotations
 
@@ -26,15 +26,23 @@ class Network:
     def __len__(self) -> int:
         return len(self.parts)
 
-    def each(self, function: Callable[..., Any], *states: Sequence[Any], **common: Any) -> list[Any]:
+    def each(
+        self, function: Callable[..., Any], *states: Sequence[Any], **common: Any
+    ) -> list[Any]:
         """Futures of function(part, state of the part, …) of every part."""
         return [
-            self.client.submit(function, part, *(state[p] for state in states), pure=False, **common)
+            self.client.submit(
+                function, part, *(state[p] for state in states), pure=False, **common
+            )
             for p, part in enumerate(self.parts)
         ]
 
     def with_neighbours(
-        self, function: Callable[..., Any], own: Sequence[Any], *states: Sequence[Any], **common: Any
+        self,
+        function: Callable[..., Any],
+        own: Sequence[Any],
+        *states: Sequence[Any],
+        **common: Any,
     ) -> list[Any]:
         """Futures of function(part, values of all its nodes, state of the part, …)."""
         boundaries = self.each(boundary_of, own)
@@ -68,4 +76,6 @@ def _with_others(
     *states: Any,
     **common: Any,
 ) -> Any:
-    return function(part, with_others(part, own, dict(zip(neighbours, boundaries))), *states, **common)
+    return function(
+        part, with_others(part, own, dict(zip(neighbours, boundaries))), *states, **common
+    )

@@ -46,7 +46,8 @@ def make_operator(
 
     Args:
         part: the part.
-        R, degree: (n, 3, 3) and (n,) of all its nodes.
+        R: (n, 3, 3) of all its nodes.
+        degree: (n,) of all its nodes.
         component: (num_own,).
     """
     from scipy.sparse import bsr_array
@@ -97,7 +98,9 @@ def make_operator(
     return Operator(matrix, null, component, own_degree, rounding, (square, error))
 
 
-def along_null(operator: Operator, y: NDArray[np.float64], num_components: int) -> NDArray[np.float64]:
+def along_null(
+    operator: Operator, y: NDArray[np.float64], num_components: int
+) -> NDArray[np.float64]:
     """(num_components, 3, C): N^T y of a part's rows y (num_own, 3, C)."""
     sums = np.zeros((num_components, 3, y.shape[2]))
     np.add.at(sums, operator.component, operator.null.transpose(0, 2, 1) @ y)

@@ -30,11 +30,13 @@ class Owners:
         return int(self.part.max(initial=-1)) + 1
 
     def __getitem__(self, ids: NDArray[np.int64]) -> NDArray[np.int32]:
-        return self.part[np.searchsorted(self.nodes, ids)]
+        owners: NDArray[np.int32] = self.part[np.searchsorted(self.nodes, ids)]
+        return owners
 
     def nodes_of(self, part: int) -> NDArray[np.int64]:
         """Those of one part, rising."""
-        return self.nodes[self.part == part]
+        nodes: NDArray[np.int64] = self.nodes[self.part == part]
+        return nodes
 
     @staticmethod
     def by_nodes(edges: Edges, num_parts: int) -> Owners:
@@ -46,8 +48,8 @@ class Owners:
     @staticmethod
     def numbered(nodes: NDArray[np.int64], part: NDArray[np.int32]) -> Owners:
         """Without parts that own nothing."""
-        _, part = np.unique(part, return_inverse=True)
-        return Owners(nodes, part.astype(np.int32))
+        _, number = np.unique(part, return_inverse=True)
+        return Owners(nodes, number.astype(np.int32))
 
 
 def ends_of(chunk: Edges) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -95,7 +97,8 @@ def partition(
 
     Args:
         num_nodes: n.
-        i, j: (m,) the ends of the edges.
+        i: (m,) one end of every edge.
+        j: (m,) the other.
         weights: (m,) whole numbers; those of parallel edges add up.
         num_parts: how many.
         sizes: (n,) of the nodes; by default 1.

@@ -54,7 +54,6 @@ class Part:
             some = rows[at : at + BLOCK]
             yield self.edges.take(some), self.counted[some]
 
-
     def edges_between_ids(self) -> Edges:
         """Those that are this part's to count, between ids."""
         edges = self.edges.take(self.counted)
@@ -70,7 +69,8 @@ class Part:
 def degrees(part: Part, edges: Edges) -> NDArray[np.float64]:
     """(num_own,) sums of the weights of these edges at own nodes."""
     ends = np.concatenate([edges.i, edges.j])
-    return np.bincount(ends, np.tile(edges.weights, 2), minlength=part.num_own)[: part.num_own]
+    sums = np.bincount(ends, np.tile(edges.weights, 2), minlength=part.num_own)
+    return np.asarray(sums[: part.num_own], np.float64)
 
 
 def make_part(number: int, own: NDArray[np.int64], region: NDArray[np.int64], edges: Edges) -> Part:
@@ -111,9 +111,7 @@ def wired(part: Part, owners: NDArray[np.int32], asked: Sequence[NDArray[np.int6
     """
     asks = {int(q): part.num_own + np.flatnonzero(owners == q) for q in np.unique(owners)}
     boundary = np.unique(np.concatenate([np.zeros(0, np.int64), *asked]))
-    return replace(
-        part, asks=asks, boundary=np.searchsorted(part.nodes[: part.num_own], boundary)
-    )
+    return replace(part, asks=asks, boundary=np.searchsorted(part.nodes[: part.num_own], boundary))
 
 
 def boundary_of(part: Part, own: Rotations) -> tuple[NDArray[np.int64], Rotations]:

@@ -37,14 +37,16 @@ class Loss:
     noise: float
     median_weight: float
 
-    def weights(self, squares: NDArray[np.float64], given: NDArray[np.float64]) -> NDArray[np.float64]:
+    def weights(
+        self, squares: NDArray[np.float64], given: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """Of edges with residuals |R_i R_ij - R_j|^2 and given weights."""
         in_units = 0.5 * squares * (given / self.median_weight) / self.scale**2
         return given * np.maximum(1.0 / (1.0 + in_units), LEAST_WEIGHT)
 
 
 def solve_alone_robustly(part: Part) -> tuple[Rotations, float, float, float]:
-    """The own nodes by the edges between them; the loss's scale and noise, and the median weight."""
+    """The own nodes by the edges between them; scale and noise of the loss, the median weight."""
     inner = (part.edges.i < part.num_own) & (part.edges.j < part.num_own)
     if not inner.any():
         return np.tile(np.eye(3), (part.num_own, 1, 1)), np.nan, np.nan, np.nan
@@ -105,7 +107,7 @@ def squares(part: Part, R: Rotations) -> NDArray[np.float64]:
 
 
 def reweighted(part: Part, R: Rotations, given: NDArray[np.float64], loss: Loss) -> Part:
-    """The part with the weights that the loss gives its edges; the same in every part that has one."""
+    """The part with the weights that the loss gives its edges; all that have an edge agree."""
     edges = replace(part.edges, weights=loss.weights(squares(part, R), given))
     return replace(part, edges=edges, degree=degrees(part, edges))
 

@@ -28,8 +28,8 @@ class Round:
     Attributes:
         number: from 0, the parts solved alone and joined.
         objective, relative_gradient: of the whole graph; radians.
-        kind: "joined", "schwarz" (the parts solved with an overlap), "mixed" (the same, and Anderson's
-            mixing was better) or "majorised" (the first two were no gain).
+        kind: "joined", "schwarz" (the parts solved with their overlap), "mixed" (the same, and
+            Anderson's mixing was better), "majorised" (the first two were no gain), "reweighted".
         seconds: since the start.
     """
 
@@ -63,9 +63,9 @@ def _falls(after: State, before: State) -> bool:
 class Rounds:
     """The iteration; `state` is the best so far, and never gets worse.
 
-    A round is a map G: parts solve their regions, all at once, then the pieces are turned. Where the
-    objective falls, Anderson's mixing of the last rounds is tried as well, and kept where it is
-    better. Where it does not, the round is repeated with `solve_majorised`, which cannot fail.
+    A round is a map G: parts solve their regions, all at once, then the pieces are turned. Where
+    that does not lower the objective, it is repeated with `solve_majorised`, which cannot fail.
+    Anderson's mixing of the last rounds is tried as well, and kept where it is better still.
 
     Args:
         network: the parts.
@@ -93,9 +93,7 @@ class Rounds:
     def next(self, number: int, tolerance: float) -> Round:
         """One round; the parts solve to this tolerance, radians."""
         before = self.state
-        after = self._measured(
-            self._joined(self._swept(solve_region, before.rotations, tolerance))
-        )
+        after = self._measured(self._joined(self._swept(solve_region, before.rotations, tolerance)))
         kind = "schwarz"
         if not _falls(after, before):
             swept = self._swept(solve_majorised, before.rotations, tolerance)
@@ -157,24 +155,25 @@ class Rounds:
         return self.network.each(_turned, rotations, self.pieces, Q=everywhere)
 
     def _mixed(self) -> list[Any]:
-        """Anderson's mixing: the means of G's values whose steps cancel best (Walker and Ni 2011)."""
+        """Anderson's mixing: the mean of G's values whose steps cancel best (Walker, Ni 2011)."""
         network, depth = self.network, len(self._past)
         begins = [[begin[p] for begin, _ in self._past] for p in range(len(network))]
         ends = [[end[p] for _, end in self._past] for p in range(len(network))]
-        gram = sum(network.gather(network.each(_steps_gram, begins, ends)), np.zeros((depth, depth)))
+        gram = sum(
+            network.gather(network.each(_steps_gram, begins, ends)), np.zeros((depth, depth))
+        )
         # Minimise c^T gram c over sum c = 1.
         damped = gram + 1e-12 * np.trace(gram) * np.eye(depth)
         share = np.linalg.solve(damped, np.ones(depth)) if gram.any() else np.ones(depth)
         return network.each(_mean, ends, share=share / share.sum())
 
 
-def _labels(
-    part: Part, piece: NDArray[np.int64], label: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def _labels(part: Part, piece: NDArray[np.int64], label: NDArray[np.int64]) -> NDArray[np.int64]:
     return label[piece]
 
 
 def as_they_are(part: Part, values: NDArray[Any]) -> NDArray[Any]:
+    """What a part knows of all its nodes."""
     return values
 
 
@@ -182,9 +181,7 @@ def _turned(part: Part, own: Rotations, piece: NDArray[np.int64], Q: Rotations) 
     return Q[piece] @ own
 
 
-def _steps_gram(
-    part: Part, begins: list[Rotations], ends: list[Rotations]
-) -> NDArray[np.float64]:
+def _steps_gram(part: Part, begins: list[Rotations], ends: list[Rotations]) -> NDArray[np.float64]:
     steps = np.stack([(end - begin).ravel() for begin, end in zip(begins, ends)])
     return steps @ steps.T
 

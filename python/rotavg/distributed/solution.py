@@ -91,9 +91,15 @@ class DistributedSolution:
         lines = [
             f"objective       {self.objective:.12g}",
             f"gradient        {self.relative_gradient:.2g} rad, {self.reason}",
-            f"graph           {self.num_nodes} nodes, {self.num_edges} edges in {self.num_parts} parts",
-            f"rounds          {len(self.rotations and self.rounds) - 1}",
+            f"graph           {self.num_nodes} nodes and {self.num_edges} edges, "
+            f"in {self.num_parts} parts",
+            f"rounds          {self.rounds[-1].number}",
         ]
+        if self.robust is not None:
+            lines.append(
+                f"robust          {self.robust.num_outliers} outliers, of more than "
+                f"{np.degrees(self.robust.threshold):.3g} deg"
+            )
         if self.certificate is not None:
             lines.append(f"certificate     {self.certificate.sentence}")
         return "\n".join(lines)

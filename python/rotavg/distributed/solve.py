@@ -70,7 +70,9 @@ def solve(
         loss: "l2", or "auto" for data with outliers: then the certificate is that of the final
             weighted problem, and `DistributedSolution.robust` tells what was found out.
         certify: whether to bound the distance from the global optimum.
-        certificate_tolerance, failure_probability, seed: as in `rotavg.solve`.
+        certificate_tolerance: the largest relative gap that is called optimal.
+        failure_probability: of the proof, where one process cannot hold the graph.
+        seed: of that proof, and of what a robust loss draws.
         callback: called with a `Round` after every round; returning False stops.
 
     Raises:
@@ -101,9 +103,7 @@ def solve(
         sizes = network.gather(network.each(_sizes))
         certificate = None
         if certify:
-            certificate = prove(
-                rounds, certificate_tolerance, failure_probability, seed
-            )
+            certificate = prove(rounds, certificate_tolerance, failure_probability, seed)
         return DistributedSolution(
             objective=trace[-1].objective,
             relative_gradient=trace[-1].relative_gradient,
@@ -191,9 +191,10 @@ def _cluster(client: Any) -> Iterator[Any]:
         yield client
         return
     distributed = require("distributed", "distributed")
-    with distributed.LocalCluster(
-        threads_per_worker=1, dashboard_address=None
-    ) as local, distributed.Client(local) as own:
+    with (
+        distributed.LocalCluster(threads_per_worker=1, dashboard_address=None) as local,
+        distributed.Client(local) as own,
+    ):
         yield own
 
 
