@@ -1,0 +1,201 @@
+"""From measurements in chunks to parts on workers; no process ever holds all of them.
+
+A chunk is a file, or what one call of a reader gives. A node's home is the chunk that has most of
+its edges, and chunks are grouped to parts by METIS on the graph of chunks; a graph in memory is one
+chunk, whose nodes METIS divides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg.base.errors import GraphError
+from rotavg.distributed.coarse import pieces
+from rotavg.distributed.edges import Edges
+from rotavg.distributed.network import Network
+from rotavg.distributed.owners import Owners, by_chunks, crossings, ends_of, homes
+from rotavg.distributed.part import Part, make_part, wired
+
+MOST_LAYERS = 8  # of overlap
+MOST_OVERLAP = 0.25  # of the own nodes
+
+Ids = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """A part while it grows its overlap.
+
+    Attributes:
+        number: of the part.
+        own, nodes: ids, rising; nodes are own and overlap.
+        edges: all with an end in the region.
+    """
+
+    number: int
+    own: Ids
+    nodes: Ids
+    edges: Edges
+
+    @property
+    def ring(self) -> Ids:
+        """The nodes next to the region."""
+        return np.setdiff1d(self.edges.nodes(), self.nodes)
+
+
+def build(client: Any, chunks: Sequence[Any], num_parts: int) -> tuple[Network, list[Any], int]:
+    """The parts on the workers.
+
+    Args:
+        client: of the cluster.
+        chunks: futures of `Edges`.
+        num_parts: how many; fewer where there are fewer chunks, but for a single one.
+
+    Returns:
+        the network; the pieces (num_own,) of every part, futures, numbered over all parts; and how
+        many pieces there are.
+
+    Raises:
+        GraphError: there is no edge at all.
+    """
+
+    def submit(function: Any, *arguments: Any) -> Any:
+        return client.submit(function, *arguments, pure=False)
+
+    owners = _owners(submit, chunks, num_parts)
+    count = submit(_num_parts, owners).result()
+    if count == 0:
+        raise GraphError("the chunks hold no edge")
+    split = [submit(_split, chunk, owners) for chunk in chunks]
+    regions = [
+        submit(_region, p, owners, [submit(_item, pieces_, p) for pieces_ in split])
+        for p in range(count)
+    ]
+    del split
+    regions = _grown(client, submit, regions, owners)
+    parts = [submit(_part, region) for region in regions]
+    asks = [submit(_asks, part, owners) for part in parts]
+    asked = client.gather([submit(sorted, ask) for ask in asks])
+    parts = [
+        submit(
+            _wired, part, owners, [submit(_item, asks[q], p) for q in range(count) if p in asked[q]]
+        )
+        for p, part in enumerate(parts)
+    ]
+    network = Network(client, parts, asked)
+    alone = network.each(pieces)
+    sizes = client.gather([submit(_count, piece) for piece in alone])
+    first = np.cumsum([0, *sizes])
+    numbered = [submit(np.add, piece, int(first[p])) for p, piece in enumerate(alone)]
+    return network, numbered, int(first[-1])
+
+
+def _owners(submit: Any, chunks: Sequence[Any], num_parts: int) -> Any:
+    if len(chunks) == 1:
+        return submit(Owners.by_nodes, chunks[0], num_parts)
+    home = submit(homes, [submit(ends_of, chunk) for chunk in chunks])
+    crossing = submit(_sum, [submit(crossings, chunk, home, len(chunks)) for chunk in chunks])
+    return submit(by_chunks, home, crossing, num_parts)
+
+
+def _grown(client: Any, submit: Any, regions: list[Any], owners: Any) -> list[Any]:
+    """With as many layers of overlap as are worth their room: they save rounds."""
+    own = sum(client.gather([submit(_num_nodes, region) for region in regions]))
+    for _ in range(MOST_LAYERS):
+        rings = [submit(_ring, region) for region in regions]
+        told = client.gather([submit(_size_and_owners, ring, owners) for ring in rings])
+        now = sum(client.gather([submit(_num_nodes, region) for region in regions]))
+        more = sum(size for size, _ in told)
+        if more == 0 or now + more > (1.0 + MOST_OVERLAP) * own:
+            break
+        regions = [
+            submit(
+                _larger,
+                region,
+                rings[p],
+                [submit(_edges_at, regions[q], rings[p], owners) for q in told[p][1]],
+            )
+            for p, region in enumerate(regions)
+        ]
+    return regions
+
+
+def _num_parts(owners: Owners) -> int:
+    return owners.num_parts
+
+
+def _item(container: Any, key: int) -> Any:
+    return container[key]
+
+
+def _sum(arrays: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    total: NDArray[np.float64] = np.sum(arrays, axis=0)
+    return total
+
+
+def _count(piece: NDArray[np.int64]) -> int:
+    return int(piece.max(initial=-1)) + 1
+
+
+def _num_nodes(region: Region) -> int:
+    return len(region.nodes)
+
+
+def _split(chunk: Edges, owners: Owners) -> list[Edges]:
+    """The edges of every part; those between two parts go to both."""
+    i, j = owners[chunk.i], owners[chunk.j]
+    return [chunk.take((i == p) | (j == p)) for p in range(owners.num_parts)]
+
+
+def _region(number: int, owners: Owners, chunks: list[Edges]) -> Region:
+    own = owners.nodes_of(number)
+    return Region(number, own, own, Edges.concatenated(chunks))
+
+
+def _ring(region: Region) -> Ids:
+    return region.ring
+
+
+def _size_and_owners(ring: Ids, owners: Owners) -> tuple[int, list[int]]:
+    return len(ring), np.unique(owners[ring]).tolist()
+
+
+def _edges_at(region: Region, ring: Ids, owners: Owners) -> Edges:
+    """Those at nodes of the ring that this part owns, each delivered by one part alone: the one
+    that owns the first of its ends that is in the ring.
+    """
+    edges = region.edges
+    first = np.isin(edges.i, ring)
+    end = np.where(first, edges.i, edges.j)
+    here = owners[end] == region.number
+    return edges.take(here & (first | np.isin(edges.j, ring)))
+
+
+def _larger(region: Region, ring: Ids, found: list[Edges]) -> Region:
+    edges = Edges.concatenated(found)
+    known = np.isin(edges.i, region.nodes) | np.isin(edges.j, region.nodes)
+    return Region(
+        region.number,
+        region.own,
+        np.union1d(region.nodes, ring),
+        Edges.concatenated([region.edges, edges.take(~known)]),
+    )
+
+
+def _part(region: Region) -> Part:
+    return make_part(region.number, region.own, region.nodes, region.edges)
+
+
+def _asks(part: Part, owners: Owners) -> dict[int, Ids]:
+    others = part.nodes[part.num_own :]
+    owner = owners[others]
+    return {int(q): others[owner == q] for q in np.unique(owner)}
+
+
+def _wired(part: Part, owners: Owners, asked: list[Ids]) -> Part:
+    return wired(part, owners[part.nodes[part.num_own :]], asked)

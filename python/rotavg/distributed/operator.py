@@ -1,0 +1,120 @@
+"""A part of M = D^-1/2 S D^-1/2: the operator of the certificate, applied to vectors in parts.
+
+S = Lambda(R) - Rt (Theorem 1) in local frames, where its blocks beside the diagonal are the
+measurements themselves, and D the degrees. Its null vectors there are D^1/2 R_i^T.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg.distributed.local import add_at
+from rotavg.distributed.part import Part, Rotations
+
+UNIT_ROUNDOFF = 0.5 * float(np.finfo(np.float64).eps)
+
+
+@dataclass(frozen=True, eq=False)
+class Operator:
+    """The rows of M of a part's own nodes.
+
+    Attributes:
+        matrix: (3 num_own, 3 n) sparse, of all nodes of the part.
+        null: (num_own, 3, 3) blocks D^1/2 R^T of the null vectors.
+        component: (num_own,) which component of the graph every node is in.
+        degree: (num_own,).
+        rounding: |computed - M y| <= rounding |y| holds for the rows of this part.
+        leftover: |D^-1/2 S N|^2 of these rows, and what its rounding can amount to.
+    """
+
+    matrix: Any
+    null: NDArray[np.float64]
+    component: NDArray[np.int64]
+    degree: NDArray[np.float64]
+    rounding: float
+    leftover: tuple[float, float]
+
+
+def make_operator(
+    part: Part, R: Rotations, degree: NDArray[np.float64], component: NDArray[np.int64]
+) -> Operator:
+    """At rotations.
+
+    Args:
+        part: the part.
+        R: (n, 3, 3) of all its nodes.
+        degree: (n,) of all its nodes.
+        component: (num_own,).
+    """
+    from scipy.sparse import bsr_array
+
+    n, num_own = len(part.nodes), part.num_own
+    root = np.sqrt(degree)
+    Lambda = np.zeros((num_own, 3, 3))
+    g = np.zeros((num_own, 3))
+    rows, columns, blocks = [], [], []
+    for edges, _ in part.blocks():
+        i, j, w = edges.i, edges.j, edges.weights[:, None, None]
+        scaled = (edges.weights / (root[i] * root[j]))[:, None, None] * edges.rotations
+        for a, b, B, i_from_j in (
+            (i, j, scaled, edges.rotations),
+            (j, i, scaled.transpose(0, 2, 1), edges.rotations.transpose(0, 2, 1)),
+        ):
+            mine = a < num_own
+            rows.append(a[mine])
+            columns.append(b[mine])
+            blocks.append(-B[mine])
+            turned = i_from_j @ R[b].transpose(0, 2, 1) @ R[a]  # I, where there is no residual
+            add_at(Lambda, a, w * turned)
+            axis = np.stack(
+                [
+                    turned[:, 2, 1] - turned[:, 1, 2],
+                    turned[:, 0, 2] - turned[:, 2, 0],
+                    turned[:, 1, 0] - turned[:, 0, 1],
+                ],
+                axis=1,
+            )
+            add_at(g, a, edges.weights[:, None] * axis)
+    at = np.arange(num_own)
+    own_degree = degree[:num_own]
+    diagonal = 0.5 * (Lambda + Lambda.transpose(0, 2, 1)) / own_degree[:, None, None]
+    row, column = np.concatenate([*rows, at]), np.concatenate([*columns, at])
+    data = np.concatenate([*blocks, diagonal])
+    order = np.lexsort((column, row))
+    start = np.searchsorted(row[order], np.arange(num_own + 1))
+    matrix = bsr_array((data[order], column[order], start), shape=(3 * num_own, 3 * n))
+    ends = np.diff(start)
+    # Of a product with 3 x 3 blocks: (3 q + 8) u |M| |y| entry by entry, |M| at most sqrt(3) times
+    # the norm 1 of either of its halves; of the blocks themselves some (q + 100) u each.
+    rounding = 8.0 * (3.0 * float(ends.max(initial=0)) + 200.0) * UNIT_ROUNDOFF
+    # S N = hat(axis sums) / 2 (the antisymmetric part of Lambda), |hat(x)|_F^2 = 2 |x|^2.
+    square = float((0.5 * (g**2).sum(axis=1) / own_degree).sum())
+    error = float((((ends + 100.0) * 4.0 * UNIT_ROUNDOFF) ** 2 * own_degree).sum())
+    null = root[:num_own, None, None] * R[:num_own].transpose(0, 2, 1)
+    return Operator(matrix, null, component, own_degree, rounding, (square, error))
+
+
+def along_null(
+    operator: Operator, y: NDArray[np.float64], num_components: int
+) -> NDArray[np.float64]:
+    """(num_components, 3, C): N^T y of a part's rows y (num_own, 3, C)."""
+    sums = np.zeros((num_components, 3, y.shape[2]))
+    np.add.at(sums, operator.component, operator.null.transpose(0, 2, 1) @ y)
+    return sums
+
+
+def without_null(
+    operator: Operator, y: NDArray[np.float64], means: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Less the part along the null vectors; `means` are N^T y over the sums of degrees."""
+    return y - operator.null @ means[operator.component]
+
+
+def apply(operator: Operator, y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The own rows (num_own, 3, C) of M y, y (n, 3, C) of all nodes of the part."""
+    product = operator.matrix @ y.reshape(-1, y.shape[2])
+    return np.asarray(product).reshape(-1, 3, y.shape[2])

@@ -1,0 +1,129 @@
+"""Which part owns every node: METIS on the nodes, or on the chunks that they came in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg.base.errors import GraphError, require
+from rotavg.distributed.edges import Edges
+
+
+@dataclass(frozen=True, eq=False)
+class Owners:
+    """The part of every node.
+
+    Attributes:
+        nodes: (n,) ids, rising.
+        part: (n,).
+    """
+
+    nodes: NDArray[np.int64]
+    part: NDArray[np.int32]
+
+    @property
+    def num_parts(self) -> int:
+        """How many parts own a node."""
+        return int(self.part.max(initial=-1)) + 1
+
+    def __getitem__(self, ids: NDArray[np.int64]) -> NDArray[np.int32]:
+        owners: NDArray[np.int32] = self.part[np.searchsorted(self.nodes, ids)]
+        return owners
+
+    def nodes_of(self, part: int) -> NDArray[np.int64]:
+        """Those of one part, rising."""
+        nodes: NDArray[np.int64] = self.nodes[self.part == part]
+        return nodes
+
+    @staticmethod
+    def by_nodes(edges: Edges, num_parts: int) -> Owners:
+        """Of a graph in one piece."""
+        nodes, ends = np.unique(np.concatenate([edges.i, edges.j]), return_inverse=True)
+        i, j = ends.reshape(2, -1)
+        return Owners.numbered(nodes, partition(len(nodes), i, j, np.ones(len(i)), num_parts))
+
+    @staticmethod
+    def numbered(nodes: NDArray[np.int64], part: NDArray[np.int32]) -> Owners:
+        """Without parts that own nothing."""
+        _, number = np.unique(part, return_inverse=True)
+        return Owners(nodes, number.astype(np.int32))
+
+
+def ends_of(chunk: Edges) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The nodes of a chunk, and how many ends of edges each has there."""
+    return np.unique(np.concatenate([chunk.i, chunk.j]), return_counts=True)
+
+
+def homes(ends: Sequence[tuple[NDArray[np.int64], NDArray[np.int64]]]) -> Owners:
+    """Of every node, the chunk that has most of its edges; the first of several."""
+    nodes = np.concatenate([ids for ids, _ in ends])
+    counts = np.concatenate([count for _, count in ends])
+    chunk = np.repeat(np.arange(len(ends), dtype=np.int32), [len(ids) for ids, _ in ends])
+    order = np.lexsort((chunk, -counts, nodes))
+    nodes, first = np.unique(nodes[order], return_index=True)
+    return Owners(nodes, chunk[order][first])
+
+
+def crossings(chunk: Edges, home: Owners, num_chunks: int) -> NDArray[np.float64]:
+    """(num_chunks, num_chunks) how many edges of a chunk join the homes of two chunks."""
+    count = np.zeros((num_chunks, num_chunks))
+    np.add.at(count, (home[chunk.i], home[chunk.j]), 1.0)
+    return count
+
+
+def by_chunks(home: Owners, crossing: NDArray[np.float64], num_parts: int) -> Owners:
+    """Chunks grouped to parts, where there are more of them."""
+    num_chunks = len(crossing)
+    if num_chunks <= num_parts:
+        return Owners.numbered(home.nodes, home.part)
+    i, j = np.nonzero(crossing)
+    sizes = np.bincount(home.part, minlength=num_chunks)
+    group = partition(num_chunks, i, j, crossing[i, j], num_parts, sizes)
+    return Owners.numbered(home.nodes, group[home.part])
+
+
+def partition(
+    num_nodes: int,
+    i: NDArray[np.int64],
+    j: NDArray[np.int64],
+    weights: NDArray[np.float64],
+    num_parts: int,
+    sizes: NDArray[np.int64] | None = None,
+) -> NDArray[np.int32]:
+    """Parts of equal size with little between them, by METIS (Karypis and Kumar 1998).
+
+    Args:
+        num_nodes: n.
+        i: (m,) one end of every edge.
+        j: (m,) the other.
+        weights: (m,) whole numbers; those of parallel edges add up.
+        num_parts: how many.
+        sizes: (n,) of the nodes; by default 1.
+
+    Returns:
+        (n,) the part of every node; some parts may stay empty on tiny graphs.
+
+    Raises:
+        GraphError: for fewer than one part.
+        MissingExtraError: without pymetis.
+    """
+    if num_parts < 1:
+        raise GraphError(f"found {num_parts} parts, expected one or more")
+    if num_parts == 1:
+        return np.zeros(num_nodes, np.int32)
+    pymetis = require("pymetis", "distributed")
+    sparse = require("scipy.sparse", "distributed")
+    off = i != j
+    one_way = sparse.coo_array((weights[off], (i[off], j[off])), shape=(num_nodes, num_nodes))
+    both = (one_way + one_way.T).tocsr()
+    _, part = pymetis.part_graph(
+        num_parts,
+        xadj=both.indptr,
+        adjncy=both.indices,
+        eweights=np.asarray(both.data, np.int64),
+        vweights=None if sizes is None else np.maximum(sizes, 1),
+    )
+    return np.asarray(part, np.int32)

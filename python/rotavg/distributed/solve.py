@@ -1,0 +1,239 @@
+"""The front door: a graph that is divided among processes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Callable, Literal, Union
+
+import numpy as np
+
+from rotavg.base.errors import FormatError, GraphError, OptionError, require
+from rotavg.distributed.building import build
+from rotavg.distributed.edges import Edges
+from rotavg.distributed.local import solve_alone
+from rotavg.distributed.part import Part
+from rotavg.distributed.proof import prove
+from rotavg.distributed.robust import (
+    change,
+    common_loss,
+    outliers,
+    reweighted,
+    robust_turns,
+    solve_alone_robustly,
+    votes,
+)
+from rotavg.distributed.rounds import Callback, Round, Rounds
+from rotavg.distributed.solution import DistributedSolution, RobustFit
+from rotavg.graph.measurement_graph import MeasurementGraph
+
+Chunk = Callable[[], Union[MeasurementGraph, Edges]]
+MOST_REWEIGHTINGS = 60
+SETTLED = 1e-5  # of the weights, what the last reweighting changes
+
+Source = Union[MeasurementGraph, str, Path, Sequence[Chunk]]
+
+
+def solve(
+    source: Source,
+    *,
+    client: Any = None,
+    parts: int | None = None,
+    tolerance: float = 1e-9,
+    max_rounds: int = 200,
+    time_limit: float | None = None,
+    loss: Literal["l2", "auto"] = "l2",
+    certify: bool = True,
+    certificate_tolerance: float = 1e-6,
+    failure_probability: float = 1e-12,
+    seed: int = 0,
+    callback: Callback = None,
+) -> DistributedSolution:
+    """Rotation averaging where the graph is divided among the workers of a Dask cluster.
+
+    Every part of the graph solves by itself; one rotation a part joins them (a small problem of its
+    own); then rounds: all parts solve against their surroundings at the same time, and are joined
+    again (docs/distributed.md).
+
+    Args:
+        source: a graph with integer ids; or a folder of files that `rotavg.read` reads, each a part
+            of the edges; or functions of no arguments that return such a part, called on workers.
+        client: a `distributed.Client`; by default one of a cluster on this machine, with a process
+            for each processor, closed at the end.
+        parts: how many parts; by default one for each thread of the workers. More parts take less
+            memory at a time.
+        tolerance: of the relative gradient, radians.
+        max_rounds: limit on the number of rounds.
+        time_limit: in seconds, for the rounds.
+        loss: "l2", or "auto" for data with outliers: then the certificate is that of the final
+            weighted problem, and `DistributedSolution.robust` tells what was found out.
+        certify: whether to bound the distance from the global optimum.
+        certificate_tolerance: the largest relative gap that is called optimal.
+        failure_probability: of the proof, where one process cannot hold the graph.
+        seed: of that proof, and of what a robust loss draws.
+        callback: called with a `Round` after every round; returning False stops.
+
+    Raises:
+        GraphError: no edges, or ids that are no integers.
+        OptionError: for an option out of range.
+        MissingExtraError: without the extra [distributed].
+    """
+    if parts is not None and parts < 1:
+        raise OptionError(f"parts is {parts}, expected one or more")
+    if not tolerance > 0:
+        raise OptionError(f"tolerance is {tolerance}, expected a positive number")
+    if loss not in ("l2", "auto"):
+        raise OptionError(f"loss is {loss!r}, expected 'l2' or 'auto'")
+    with _cluster(client) as cluster:
+        chunks = list(_chunks(cluster, source))
+        if not chunks:
+            raise GraphError("there is nothing to solve: no chunk was given")
+        if parts is None:
+            parts = max(1, sum(cluster.nthreads().values()))
+        network, pieces, num_pieces = build(cluster, chunks, parts)
+        rounds = Rounds(network, pieces, num_pieces)
+        limits = Limits(tolerance, max_rounds, time_limit, callback)
+        if loss == "auto":
+            trace, reason, robust = _robustly(rounds, limits, seed)
+        else:
+            trace, robust = [rounds.begin(network.each(solve_alone))], None
+            reason = _run(rounds, trace, limits)
+        sizes = network.gather(network.each(_sizes))
+        certificate = None
+        if certify:
+            certificate = prove(rounds, certificate_tolerance, failure_probability, seed)
+        return DistributedSolution(
+            objective=trace[-1].objective,
+            relative_gradient=trace[-1].relative_gradient,
+            converged=trace[-1].relative_gradient <= tolerance,
+            reason=reason,
+            certificate=certificate,
+            robust=robust,
+            rounds=tuple(trace),
+            num_nodes=sum(n for n, _ in sizes),
+            num_edges=sum(m for _, m in sizes),
+            num_parts=len(network),
+            network=rounds.network,
+            rotations=rounds.state.rotations,
+        )
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Of the rounds; see `solve`."""
+
+    tolerance: float
+    max_rounds: int
+    time_limit: float | None
+    callback: Callback
+
+    def reason(self, now: Round, tolerance: float) -> str | None:
+        """Why to end after this round; None to go on."""
+        if self.callback is not None and self.callback(now) is False:
+            return "stopped"
+        if now.relative_gradient <= tolerance:
+            return "converged"
+        if now.number >= self.max_rounds:
+            return f"the limit of {self.max_rounds} rounds"
+        if self.time_limit is not None and now.seconds >= self.time_limit:
+            return f"the time limit of {self.time_limit} s"
+        return None
+
+
+def _run(rounds: Rounds, trace: list[Round], limits: Limits, tolerance: float = 0.0) -> str:
+    """Rounds until one of the limits; which."""
+    tolerance = max(tolerance, limits.tolerance)
+    while True:
+        now = trace[-1]
+        reason = limits.reason(now, tolerance)
+        if reason is not None:
+            return reason
+        # A tenth of what is wrong now is near enough for the parts.
+        trace.append(rounds.next(now.number + 1, 0.1 * max(now.relative_gradient, tolerance)))
+
+
+def _robustly(rounds: Rounds, limits: Limits, seed: int) -> tuple[list[Round], str, RobustFit]:
+    """Reweighted until the weights stay as they are; then to the tolerance."""
+    base = rounds.network
+    alone = base.each(solve_alone_robustly)
+    told = base.gather([base.client.submit(_without_rotations, one, pure=False) for one in alone])
+    loss = common_loss(told)
+    rotations = [base.client.submit(_rotations, one, pure=False) for one in alone]
+    found = base.gather(base.with_neighbours(votes, rotations, rounds.all_pieces, seed=seed))
+    rotations = rounds.turned(rotations, robust_turns(found, rounds.num_pieces))
+    given = base.each(_weights)
+    trace: list[Round] = []
+    settled, reason = 1.0, "converged"
+    for _ in range(MOST_REWEIGHTINGS):
+        before = rounds.network
+        parts = base.with_neighbours(reweighted, rotations, given, loss=loss)
+        rounds.reweight(parts, rotations)
+        moved = rounds.network.gather(rounds.network.each(change, before.parts))
+        settled = sum(by for by, _ in moved) / sum(of for _, of in moved)
+        number = trace[-1].number if trace else 0
+        trace.append(rounds.told(number, "reweighted"))
+        # Not nearer than is worth while: the weights change again.
+        reason = _run(rounds, trace, limits, tolerance=0.05 * trace[-1].relative_gradient)
+        rotations = rounds.state.rotations
+        if reason != "converged" or settled <= SETTLED:
+            break
+    if reason == "converged":
+        reason = _run(rounds, trace, limits)
+    far = base.gather(base.with_neighbours(outliers, rounds.state.rotations, given, loss=loss))
+    return trace, reason, RobustFit(loss.scale, loss.noise, 3.0 * loss.noise, sum(far), settled)
+
+
+@contextmanager
+def _cluster(client: Any) -> Iterator[Any]:
+    if client is not None:
+        yield client
+        return
+    distributed = require("distributed", "distributed")
+    with (
+        distributed.LocalCluster(threads_per_worker=1, dashboard_address=None) as local,
+        distributed.Client(local) as own,
+    ):
+        yield own
+
+
+def _chunks(client: Any, source: Source) -> Iterable[Any]:
+    if isinstance(source, MeasurementGraph):
+        yield client.scatter(Edges.of(source))
+        return
+    if isinstance(source, (str, Path)):
+        folder = Path(source)
+        files = sorted(path for path in folder.iterdir() if path.is_file())
+        if not files:
+            raise FormatError("holds no file, expected parts of a graph", path=str(folder))
+        yield from (client.submit(_read, str(path), pure=False) for path in files)
+        return
+    yield from (client.submit(_called, chunk, pure=False) for chunk in source)
+
+
+def _read(path: str) -> Edges:
+    from rotavg.io import read
+
+    return Edges.of(read(path))
+
+
+def _called(chunk: Chunk) -> Edges:
+    made = chunk()
+    return made if isinstance(made, Edges) else Edges.of(made)
+
+
+def _sizes(part: Part) -> tuple[int, int]:
+    return part.num_own, int(np.count_nonzero(part.counted))
+
+
+def _without_rotations(one: tuple[Any, float, float, float]) -> tuple[float, float, float]:
+    return one[1:]
+
+
+def _rotations(one: tuple[Any, float, float, float]) -> Any:
+    return one[0]
+
+
+def _weights(part: Part) -> Any:
+    return part.edges.weights
