@@ -1,0 +1,298 @@
+"""A graph in parts: the same optimum, descent, the proof, chunks, lost workers."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rotavg
+
+distributed = pytest.importorskip("distributed", reason="needs the extra [distributed]")
+pytest.importorskip("pymetis", reason="needs the extra [distributed]")
+
+from rotavg.distributed import Edges, solve  # noqa: E402
+from rotavg.distributed.building import build  # noqa: E402
+from rotavg.distributed.chebyshev import Chebyshev  # noqa: E402
+from rotavg.distributed.coarse import Joints, turns  # noqa: E402
+from rotavg.distributed.local import level, solve_majorised  # noqa: E402
+from rotavg.distributed.operator import apply, make_operator  # noqa: E402
+from rotavg.distributed.proof import _told, prove  # noqa: E402
+from rotavg.distributed.rounds import Rounds, as_they_are  # noqa: E402
+
+pytestmark = pytest.mark.filterwarnings("default")  # Dask's and Tornado's own
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Any]:
+    with distributed.Client(
+        processes=False, n_workers=1, threads_per_worker=2, dashboard_address=None
+    ) as one:
+        yield one
+
+
+def random_rotations(rng: np.random.Generator, *shape: int) -> np.ndarray:
+    Q, R = np.linalg.qr(rng.normal(size=(*shape, 3, 3)))
+    Q = Q * np.sign(np.einsum("...ii->...i", R))[..., None, :]
+    Q[np.linalg.det(Q) < 0, :, 0] *= -1
+    return Q
+
+
+def with_two_components() -> rotavg.MeasurementGraph:
+    one = rotavg.simulate("sphere", 80, noise=0.1, seed=1).graph
+    other = rotavg.simulate("cycle", 20, noise=0.1, seed=2).graph
+    return rotavg.MeasurementGraph(
+        np.concatenate([one.edges, other.edges + 1000]),
+        np.concatenate([one.rotations, other.rotations]),
+        np.concatenate([one.weights, 5.0 * other.weights]),
+    )
+
+
+GRAPHS = {
+    "sphere": rotavg.simulate("sphere", 300, noise=0.1, seed=3).graph,
+    "dense": rotavg.simulate("erdos_renyi", 90, noise=0.3, density=0.3, seed=4).graph,
+    "trajectory": rotavg.simulate("grid", 120, noise=0.05, seed=5).graph,
+    "two components": with_two_components(),
+    "one edge": rotavg.MeasurementGraph([(7, 3)], np.eye(3)[None]),
+}
+
+
+@pytest.mark.parametrize("parts", [1, 4])
+@pytest.mark.parametrize("name", GRAPHS)
+def test_it_is_the_optimum_of_one_process(client: Any, name: str, parts: int) -> None:
+    graph = GRAPHS[name]
+    expected = rotavg.solve(graph, tolerance=1e-11)
+    found = solve(graph, client=client, parts=parts, tolerance=1e-7)
+    assert found.converged, found.reason
+    assert found.objective == pytest.approx(expected.objective, rel=1e-9, abs=1e-18)
+    assert found.certificate is not None
+    assert found.certificate.verdict == "proved"
+    assert found.solved
+    nodes, R = found.gather()
+    assert np.array_equal(nodes, graph.nodes)
+    assert rotavg.objective(graph, R) == pytest.approx(found.objective, rel=1e-9, abs=1e-18)
+    assert (found.num_nodes, found.num_edges) == (len(graph.nodes), len(graph.edges))
+    objectives = [round.objective for round in found.rounds]
+    assert np.all(np.diff(objectives) <= 1e-12 * max(objectives))
+
+
+def test_all_parts_at_once_never_raise_the_objective(client: Any) -> None:
+    rng = np.random.default_rng(20210712)
+    graph = GRAPHS["dense"]
+    network, _, _ = build(client, [client.scatter(Edges.of(graph))], 4)
+    parts = network.gather(network.parts)
+    assert sum(part.num_own for part in parts) == len(graph.nodes)
+    assert len({node for part in parts for node in part.nodes[: part.num_own]}) == len(graph.nodes)
+    for _ in range(10):
+        R = [random_rotations(rng, part.num_own) for part in parts]
+        before = sum(x.objective for x in network.gather(network.with_neighbours(level, R)))
+        swept = network.with_neighbours(solve_majorised, R, tolerance=1e-6)
+        after = sum(x.objective for x in network.gather(network.with_neighbours(level, swept)))
+        assert after < before
+
+
+def test_the_levels_of_parts_add_up(client: Any) -> None:
+    rng = np.random.default_rng(20210713)
+    graph = with_two_components()
+    R = random_rotations(rng, len(graph.nodes))
+    network, _, _ = build(client, [client.scatter(Edges.of(graph))], 3)
+    parts = network.gather(network.parts)
+    own = [R[np.searchsorted(graph.nodes, part.nodes[: part.num_own])] for part in parts]
+    levels = network.gather(network.with_neighbours(level, own))
+    g = rotavg.gradient(graph, R)
+    assert sum(x.objective for x in levels) == pytest.approx(rotavg.objective(graph, R), rel=1e-12)
+    assert sum(x.squares for x in levels) == pytest.approx((g**2).sum(), rel=1e-12)
+
+
+def test_joints_are_what_whole_parts_cost() -> None:
+    # tr(Q_p N Q_q^T) of general N is met by at most three rotations with weights.
+    rng = np.random.default_rng(20210714)
+    p, q = np.array([0, 0, 1, 2]), np.array([1, 2, 3, 3])
+    N = rng.normal(size=(4, 3, 3))
+    Q = turns(Joints(p, q, N), 4, first=True)
+
+    def worth(Q: np.ndarray) -> float:
+        return float(np.einsum("kab,kbc,kac->", Q[p], N, Q[q]))
+
+    best = max(worth(random_rotations(rng, 4)) for _ in range(20000))
+    assert worth(Q) >= best
+    swapped = Joints.summed(q, p, N.transpose(0, 2, 1))
+    assert np.allclose(swapped.N, N)
+    assert np.array_equal(swapped.p, p)
+
+
+def test_the_operator_is_that_of_the_certificate(client: Any) -> None:
+    rng = np.random.default_rng(20210715)
+    graph = GRAPHS["dense"]
+    n = len(graph.nodes)
+    R = random_rotations(rng, n)
+    S = np.zeros((n, 3, n, 3))
+    for (i, j), R_ij, w in zip(graph.indices, graph.rotations, graph.weights):
+        S[i, :, j] -= w * R_ij
+        S[j, :, i] -= w * R_ij.T
+    Lambda = -np.einsum("iajb,jcb,icd->iad", S, R, R)
+    for i in range(n):
+        S[i, :, i] += 0.5 * (Lambda[i] + Lambda[i].T)
+    degree = np.bincount(graph.indices.ravel(), np.repeat(graph.weights, 2))
+    y = rng.normal(size=(n, 3, 2))
+    scaled = S.reshape(3 * n, 3 * n) / np.sqrt(np.outer(np.repeat(degree, 3), np.repeat(degree, 3)))
+    expected = (scaled @ y.reshape(3 * n, 2)).reshape(n, 3, 2)
+
+    network, _, _ = build(client, [client.scatter(Edges.of(graph))], 3)
+    parts = network.gather(network.parts)
+    rows = [np.searchsorted(graph.nodes, part.nodes) for part in parts]
+    for part, at in zip(parts, rows):
+        component = np.zeros(part.num_own, np.int64)
+        operator = make_operator(part, R[at], degree[at], component)
+        assert np.allclose(apply(operator, y[at]), expected[at[: part.num_own]], atol=1e-13)
+        K = Lambda - Lambda.transpose(0, 2, 1)
+        mine = at[: part.num_own]
+        square = (0.25 * (K[mine] ** 2).sum(axis=(1, 2)) / degree[mine]).sum()
+        assert operator.leftover[0] == pytest.approx(square, rel=1e-10)
+
+
+def test_a_wound_cycle_is_refuted(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rotavg.distributed.proof.GATHERED", 0)  # no process may hold it all
+    n = 12
+    edges = [(k, (k + 1) % n) for k in range(n)]
+    graph = rotavg.MeasurementGraph(edges, np.tile(np.eye(3), (n, 1, 1)))
+    angles = 2.0 * np.pi * np.arange(n) / n
+    R = np.zeros((n, 3, 3))
+    R[:, 0, 0] = R[:, 1, 1] = np.cos(angles)
+    R[:, 1, 0], R[:, 0, 1], R[:, 2, 2] = np.sin(angles), -np.sin(angles), 1.0
+    assert np.abs(rotavg.gradient(graph, R)).max() < 1e-14  # a critical point all the same
+    network, pieces, num_pieces = build(client, [client.scatter(Edges.of(graph))], 3)
+    rounds = Rounds(network, pieces, num_pieces)
+    parts = network.gather(network.parts)
+    for rotations, verdict, shortfall in (
+        (R, "not_certified", "negative"),
+        (np.tile(np.eye(3), (n, 1, 1)), "proved", "none"),
+    ):
+        rounds.reweight(network.parts, [rotations[part.nodes[: part.num_own]] for part in parts])
+        certificate = prove(rounds, 1e-6, 1e-12, 0)
+        assert certificate.verdict == verdict
+        assert certificate.shortfall == shortfall
+
+
+def test_the_proof_without_a_factorisation(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rotavg.distributed.proof.GATHERED", 0)
+    for name in ("dense", "two components"):
+        found = solve(GRAPHS[name], client=client, parts=3, tolerance=1e-7)
+        assert found.certificate is not None
+        assert found.certificate.verdict == "proved"
+        assert found.certificate.method == "random_start"
+        assert found.certificate.failure_probability == 1e-12
+        assert "probability" in str(found)
+
+
+def test_the_chance_of_a_wrong_proof_is_what_is_stated(client: Any) -> None:
+    # A wound cycle, and a wrong estimate: with a chance of one in five, fewer than that say so.
+    n = 8
+    edges = np.array([(k, (k + 1) % n) for k in range(n)])
+    graph = rotavg.MeasurementGraph(edges, np.tile(np.eye(3), (n, 1, 1)))
+    network, _, _ = build(client, [client.scatter(Edges.of(graph))], 1)
+    part = network.parts[0].result()
+    angles = 2.0 * np.pi * part.nodes / n
+    R = np.tile(np.eye(3), (n, 1, 1))
+    R[:, 0, 0] = R[:, 1, 1] = np.cos(angles)
+    R[:, 1, 0], R[:, 0, 1] = np.sin(angles), -np.sin(angles)
+    component = np.zeros(n, np.int64)
+    degrees = network.with_neighbours(as_they_are, [part.degree])
+    operators = network.with_neighbours(make_operator, [R], degrees, [component])
+    told = network.gather(network.each(_told, operators, count=1))[0]
+    chebyshev = Chebyshev(network, operators, told, 1)
+    outcomes = [chebyshev.run(0.3, 0.2, seed, 300) for seed in range(30)]
+    assert sum(outcome.cut > 0 for outcome in outcomes) < 0.2 * 30
+
+
+@pytest.mark.parametrize("kind", ["folder", "functions"])
+def test_measurements_come_in_chunks(client: Any, tmp_path: Path, kind: str) -> None:
+    graph = GRAPHS["sphere"]
+    pieces = []
+    for k, rows in enumerate(np.array_split(np.arange(len(graph.edges)), 7)):
+        piece = rotavg.MeasurementGraph(
+            graph.edges[rows], graph.rotations[rows], graph.weights[rows]
+        )
+        rotavg.write(tmp_path / f"piece-{k}.{'npz' if k % 2 else 'txt'}", piece)
+        pieces.append(piece)
+    source = tmp_path if kind == "folder" else [lambda piece=piece: piece for piece in pieces]
+    found = solve(source, client=client, parts=3, tolerance=1e-7)
+    assert found.num_parts == 3
+    assert found.solved
+    assert found.objective == pytest.approx(rotavg.solve(graph).objective, rel=1e-9)
+    out = tmp_path / "solved"
+    found.write(out)
+    files = sorted(out.iterdir())
+    assert [file.name for file in files] == [f"part-{p:05d}.npz" for p in range(3)]
+    nodes = np.concatenate([np.load(file)["nodes"] for file in files])
+    assert sorted(nodes) == graph.nodes.tolist()
+
+
+def test_robustly(client: Any) -> None:
+    simulated = rotavg.simulate("erdos_renyi", 400, noise=0.03, outliers=0.25, density=0.06, seed=6)
+    alone = rotavg.solve(simulated.graph, loss="auto")
+    found = solve(simulated.graph, client=client, parts=3, loss="auto", tolerance=1e-6)
+    truth = (simulated.graph.nodes, simulated.ground_truth)
+    assert found.solved
+    assert found.robust is not None
+    mean = rotavg.compare(found.gather(), truth).mean
+    assert mean < 1.1 * rotavg.compare(alone, truth).mean
+    # A quarter of the measurements are wrong.
+    assert found.robust.num_outliers == pytest.approx(0.25 * len(simulated.graph.edges), rel=0.1)
+    assert "outliers" in str(found)
+
+
+def test_a_lost_worker_is_survived() -> None:
+    graph = rotavg.simulate("sphere", 1500, noise=0.1, seed=7).graph
+    killed = []
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+
+        def kill_one(round: Any) -> None:
+            if round.number == 3:
+                victim = next(iter(client.run(os.getpid).values()))
+                os.kill(victim, signal.SIGKILL)
+                killed.append(victim)
+
+        found = solve(graph, client=client, parts=4, callback=kill_one, tolerance=1e-6)
+    assert len(killed) == 1
+    assert found.converged
+    assert found.certificate is not None
+    assert found.certificate.verdict == "proved"
+    assert found.objective == pytest.approx(rotavg.solve(graph).objective, rel=1e-9)
+
+
+def test_limits_and_callbacks(client: Any) -> None:
+    graph = GRAPHS["sphere"]
+    few = solve(graph, client=client, parts=3, max_rounds=1, certify=False)
+    assert not few.converged
+    assert few.reason == "the limit of 1 rounds"
+    assert few.certificate is None
+    stopped = solve(graph, client=client, parts=3, callback=lambda r: r.number < 2, certify=False)
+    assert (stopped.reason, len(stopped.rounds)) == ("stopped", 3)
+    late = solve(graph, client=client, parts=3, time_limit=0.0, certify=False)
+    assert late.reason == "the time limit of 0.0 s"
+
+
+def test_what_cannot_be_solved_is_told(client: Any, tmp_path: Path) -> None:
+    named = rotavg.MeasurementGraph([("a", "b")], np.eye(3)[None])
+    with pytest.raises(rotavg.GraphError, match="integer node ids, and these are names"):
+        solve(named, client=client)
+    with pytest.raises(rotavg.OptionError, match="parts is 0"):
+        solve(GRAPHS["sphere"], client=client, parts=0)
+    with pytest.raises(rotavg.OptionError, match="loss is 'huber'"):
+        solve(GRAPHS["sphere"], client=client, loss="huber")  # type: ignore[arg-type]
+    with pytest.raises(rotavg.FormatError, match="holds no file"):
+        solve(tmp_path, client=client)
+    (tmp_path / "bad.txt").write_text("1 2 nonsense\n")
+    with pytest.raises(rotavg.FormatError, match=r"bad\.txt"):
+        solve(tmp_path, client=client)
