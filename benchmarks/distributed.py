@@ -39,7 +39,7 @@ def cluster(workers: int) -> tuple[Any, Any]:
     from distributed import Client, LocalCluster
 
     local = LocalCluster(
-        n_workers=workers, threads_per_worker=1, dashboard_address=None, memory_limit=0
+        n_workers=workers, threads_per_worker=1, dashboard_address=":0", memory_limit=0
     )
     return local, Client(local)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -14,6 +16,7 @@ NEEDS = {
     "plots.md": ("matplotlib", "scipy"),
     "report.md": ("plotly", "jinja2"),
 }
+SCRIPTS = {"distributed.md": ("distributed", "pymetis", "scipy")}  # run by other processes
 MAKES = {"plots.md": "plots.png", "report.md": "report.html"}
 # Photographs are not made up quickly: test_examples.py runs much the same program.
 ELSEWHERE = {"photographs.md"}
@@ -33,6 +36,16 @@ def test_the_programs_run_as_printed(
         pytest.importorskip(module, reason=f"{module} is not installed")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")
+    if page in SCRIPTS:
+        for module in SCRIPTS[page]:
+            pytest.importorskip(module, reason=f"{module} is not installed")
+        for program in programs(page):
+            (tmp_path / "program.py").write_text(program, "utf-8")
+            done = subprocess.run(
+                [sys.executable, "program.py"], capture_output=True, text=True, check=False
+            )
+            assert done.returncode == 0, done.stderr
+        return
     names: dict[str, object] = {}  # of one page: later programs go on from earlier ones
     for program in programs(page):
         exec(compile(program, page, "exec"), names)

@@ -108,7 +108,7 @@ def solve_in_parts(
 
 def _client(distributed: Any, scheduler: str | None) -> Any:
     if scheduler is None:
-        cluster = distributed.LocalCluster(threads_per_worker=1, dashboard_address=None)
+        cluster = distributed.LocalCluster(threads_per_worker=1, dashboard_address=":0")
         return distributed.Client(cluster)
     try:
         return distributed.Client(scheduler, timeout="10s")

@@ -1,12 +1,13 @@
 """From measurements in chunks to parts on workers; no process ever holds all of them.
 
 A chunk is a file, or what one call of a reader gives. A node's home is the chunk that has most of
-its edges, and chunks are grouped to parts by METIS on the graph of chunks; a graph in memory is one
-chunk, whose nodes METIS divides.
+its edges, and chunks are grouped to parts by METIS on the graph of chunks. The nodes of a graph in
+memory are divided by METIS themselves.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +21,7 @@ from rotavg.distributed.edges import Edges
 from rotavg.distributed.network import Network
 from rotavg.distributed.owners import Owners, by_chunks, crossings, ends_of, homes
 from rotavg.distributed.part import Part, make_part, wired
+from rotavg.graph.measurement_graph import MeasurementGraph
 
 MOST_LAYERS = 8  # of overlap
 MOST_OVERLAP = 0.25  # of the own nodes
@@ -48,13 +50,34 @@ class Region:
         return np.setdiff1d(self.edges.nodes(), self.nodes)
 
 
-def build(client: Any, chunks: Sequence[Any], num_parts: int) -> tuple[Network, list[Any], int]:
+def sent(client: Any, graph: MeasurementGraph, num_parts: int) -> tuple[list[Any], Any]:
+    """A graph that is here, on its way to workers: chunks, and who owns what.
+
+    Data that were scattered are lost with the worker that has them; so they go as arguments of
+    tasks, which the scheduler keeps.
+    """
+    edges = Edges.of(graph)
+    owners = Owners.by_nodes(edges, num_parts)
+    part = owners[edges.i]
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Sending large graph")
+        chunks = [
+            client.submit(_as_it_is, edges.take(part == p), pure=False)
+            for p in range(owners.num_parts)
+        ]
+        return chunks, client.submit(_as_it_is, owners, pure=False)
+
+
+def build(
+    client: Any, chunks: Sequence[Any], num_parts: int, owners: Any = None
+) -> tuple[Network, list[Any], int]:
     """The parts on the workers.
 
     Args:
         client: of the cluster.
         chunks: futures of `Edges`.
-        num_parts: how many; fewer where there are fewer chunks, but for a single one.
+        num_parts: how many; fewer where there are fewer chunks.
+        owners: a future of `Owners`; by default found by the chunks.
 
     Returns:
         the network; the pieces (num_own,) of every part, futures, numbered over all parts; and how
@@ -67,7 +90,8 @@ def build(client: Any, chunks: Sequence[Any], num_parts: int) -> tuple[Network, 
     def submit(function: Any, *arguments: Any) -> Any:
         return client.submit(function, *arguments, pure=False)
 
-    owners = _owners(submit, chunks, num_parts)
+    if owners is None:
+        owners = _owners(submit, chunks, num_parts)
     count = submit(_num_parts, owners).result()
     if count == 0:
         raise GraphError("the chunks hold no edge")
@@ -96,8 +120,6 @@ def build(client: Any, chunks: Sequence[Any], num_parts: int) -> tuple[Network, 
 
 
 def _owners(submit: Any, chunks: Sequence[Any], num_parts: int) -> Any:
-    if len(chunks) == 1:
-        return submit(Owners.by_nodes, chunks[0], num_parts)
     home = submit(homes, [submit(ends_of, chunk) for chunk in chunks])
     crossing = submit(_sum, [submit(crossings, chunk, home, len(chunks)) for chunk in chunks])
     return submit(by_chunks, home, crossing, num_parts)
@@ -123,6 +145,10 @@ def _grown(client: Any, submit: Any, regions: list[Any], owners: Any) -> list[An
             for p, region in enumerate(regions)
         ]
     return regions
+
+
+def _as_it_is(value: Any) -> Any:
+    return value
 
 
 def _num_parts(owners: Owners) -> int:

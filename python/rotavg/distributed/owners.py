@@ -121,8 +121,7 @@ def partition(
     both = (one_way + one_way.T).tocsr()
     _, part = pymetis.part_graph(
         num_parts,
-        xadj=both.indptr,
-        adjncy=both.indices,
+        pymetis.CSRAdjacency(both.indptr, both.indices),
         eweights=np.asarray(both.data, np.int64),
         vweights=None if sizes is None else np.maximum(sizes, 1),
     )

@@ -151,8 +151,7 @@ class Rounds:
         """Every piece turned by its rotation."""
         if self.num_pieces == 1:
             return rotations
-        everywhere = self.network.client.scatter(Q, broadcast=True)
-        return self.network.each(_turned, rotations, self.pieces, Q=everywhere)
+        return self.network.each(_turned, rotations, self.pieces, Q=Q)
 
     def _mixed(self) -> list[Any]:
         """Anderson's mixing: the mean of G's values whose steps cancel best (Walker, Ni 2011)."""

@@ -11,7 +11,7 @@ from typing import Any, Callable, Literal, Union
 import numpy as np
 
 from rotavg.base.errors import FormatError, GraphError, OptionError, require
-from rotavg.distributed.building import build
+from rotavg.distributed.building import build, sent
 from rotavg.distributed.edges import Edges
 from rotavg.distributed.local import solve_alone
 from rotavg.distributed.part import Part
@@ -87,12 +87,15 @@ def solve(
     if loss not in ("l2", "auto"):
         raise OptionError(f"loss is {loss!r}, expected 'l2' or 'auto'")
     with _cluster(client) as cluster:
-        chunks = list(_chunks(cluster, source))
-        if not chunks:
-            raise GraphError("there is nothing to solve: no chunk was given")
         if parts is None:
             parts = max(1, sum(cluster.nthreads().values()))
-        network, pieces, num_pieces = build(cluster, chunks, parts)
+        if isinstance(source, MeasurementGraph):
+            chunks, owners = sent(cluster, source, parts)
+        else:
+            chunks, owners = list(_chunks(cluster, source)), None
+        if not chunks:
+            raise GraphError("there is nothing to solve: no edge was given")
+        network, pieces, num_pieces = build(cluster, chunks, parts, owners)
         rounds = Rounds(network, pieces, num_pieces)
         limits = Limits(tolerance, max_rounds, time_limit, callback)
         if loss == "auto":
@@ -192,16 +195,13 @@ def _cluster(client: Any) -> Iterator[Any]:
         return
     distributed = require("distributed", "distributed")
     with (
-        distributed.LocalCluster(threads_per_worker=1, dashboard_address=None) as local,
+        distributed.LocalCluster(threads_per_worker=1, dashboard_address=":0") as local,
         distributed.Client(local) as own,
     ):
         yield own
 
 
-def _chunks(client: Any, source: Source) -> Iterable[Any]:
-    if isinstance(source, MeasurementGraph):
-        yield client.scatter(Edges.of(source))
-        return
+def _chunks(client: Any, source: str | Path | Sequence[Chunk]) -> Iterable[Any]:
     if isinstance(source, (str, Path)):
         folder = Path(source)
         files = sorted(path for path in folder.iterdir() if path.is_file())
