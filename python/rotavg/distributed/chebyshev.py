@@ -164,7 +164,7 @@ class Chebyshev:
     def _step(
         self, y: list[Any], previous: list[Any] | None, scale: float, shift: float
     ) -> tuple[list[Any], Any]:
-        """On the complement, scale M y + shift y - previous and its greater length."""
+        """On the complement, scale M y + shift y - previous, and its length (the greater)."""
         if previous is None:
             previous = self.network.each(_zero, y)
         raw = self.network.with_neighbours(
