@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -39,6 +41,8 @@ class RobustFit:
 class DistributedSolution:
     """Rotations, still where they were found, and what is known of them.
 
+    In `with solve(...) as solution:` the processes that were started for it end with it.
+
     Attributes:
         objective: sum of w |R_i R_ij - R_j|^2.
         relative_gradient: max |g_i| / deg_i, radians.
@@ -48,6 +52,8 @@ class DistributedSolution:
         robust: with a robust loss, what that has found out.
         rounds: what every round ended with.
         num_nodes, num_edges, num_parts: of the graph.
+        network, rotations: the parts, and the rotations of their own nodes: futures of Dask's.
+        processes: that were started for it.
     """
 
     objective: float
@@ -62,6 +68,20 @@ class DistributedSolution:
     num_parts: int
     network: Network = field(repr=False)
     rotations: list[Any] = field(repr=False)
+    processes: ExitStack = field(repr=False, default_factory=ExitStack)
+
+    def __post_init__(self) -> None:
+        weakref.finalize(self, self.processes.close)
+
+    def close(self) -> None:
+        """End the processes that were started for it, if any, and with them its rotations."""
+        self.processes.close()
+
+    def __enter__(self) -> DistributedSolution:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     @property
     def solved(self) -> bool:

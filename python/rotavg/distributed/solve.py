@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Callable, Literal, Union
@@ -60,8 +60,8 @@ def solve(
     Args:
         source: a graph with integer ids; or a folder of files that `rotavg.read` reads, each a part
             of the edges; or functions of no arguments that return such a part, called on workers.
-        client: a `distributed.Client`; by default one of a cluster on this machine, with a process
-            for each processor, closed at the end.
+        client: a `distributed.Client`; by default one of a process for each processor of this
+            machine, which hold the solution until that is closed or forgotten.
         parts: how many parts; by default one for each thread of the workers. More parts take less
             memory at a time.
         tolerance: of the relative gradient, radians.
@@ -86,7 +86,8 @@ def solve(
         raise OptionError(f"tolerance is {tolerance}, expected a positive number")
     if loss not in ("l2", "auto"):
         raise OptionError(f"loss is {loss!r}, expected 'l2' or 'auto'")
-    with _cluster(client) as cluster:
+    with ExitStack() as processes:
+        cluster = _cluster(processes) if client is None else client
         if parts is None:
             parts = max(1, sum(cluster.nthreads().values()))
         if isinstance(source, MeasurementGraph):
@@ -120,6 +121,7 @@ def solve(
             num_parts=len(network),
             network=rounds.network,
             rotations=rounds.state.rotations,
+            processes=processes.pop_all(),
         )
 
 
@@ -188,17 +190,12 @@ def _robustly(rounds: Rounds, limits: Limits, seed: int) -> tuple[list[Round], s
     return trace, reason, RobustFit(loss.scale, loss.noise, 3.0 * loss.noise, sum(far), settled)
 
 
-@contextmanager
-def _cluster(client: Any) -> Iterator[Any]:
-    if client is not None:
-        yield client
-        return
+def _cluster(processes: ExitStack) -> Any:
+    """A client of processes on this machine, for as long as they are wanted."""
     distributed = require("distributed", "distributed")
-    with (
-        distributed.LocalCluster(threads_per_worker=1, dashboard_address=":0") as local,
-        distributed.Client(local) as own,
-    ):
-        yield own
+    local = distributed.LocalCluster(threads_per_worker=1, dashboard_address=":0")
+    processes.enter_context(local)
+    return processes.enter_context(distributed.Client(local))
 
 
 def _chunks(client: Any, source: str | Path | Sequence[Chunk]) -> Iterable[Any]:
