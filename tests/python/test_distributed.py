@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -301,3 +305,29 @@ def test_what_cannot_be_solved_is_told(client: Any, tmp_path: Path) -> None:
     (tmp_path / "bad.txt").write_text("1 2 nonsense\n")
     with pytest.raises(rotavg.FormatError, match=r"bad\.txt"):
         solve(tmp_path, client=client)
+
+
+def test_the_command_takes_a_folder(tmp_path: Path) -> None:
+    graph = GRAPHS["dense"]
+    (tmp_path / "edges").mkdir()
+    for k, rows in enumerate(np.array_split(np.arange(len(graph.edges)), 3)):
+        piece = rotavg.MeasurementGraph(graph.edges[rows], graph.rotations[rows])
+        rotavg.write(tmp_path / "edges" / f"{k}.txt", piece)
+    command = [sys.executable, "-m", "rotavg", "solve", "edges", "--distributed"]
+    run = partial(subprocess.run, capture_output=True, text=True, check=False, cwd=tmp_path)
+    done = run([*command, "--parts", "2", "-o", "out", "--json"])
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["objective"] == pytest.approx(rotavg.solve(graph).objective, rel=1e-9)
+    assert told["certificate"]["verdict"] == "proved"
+    assert len(list((tmp_path / "out").iterdir())) == 2
+    for option, message in (
+        ("--anisotropic", "--anisotropic is not possible with --distributed"),
+        ("--scheduler=tcp://127.0.0.1:9", "no scheduler answers at"),
+    ):
+        done = run([*command, option])
+        assert done.returncode == 2
+        assert message in done.stderr
+        assert "Traceback" not in done.stderr
+    done = run([*command[:-1], "--parts", "2"])
+    assert "--parts is for --distributed, which is not given" in done.stderr

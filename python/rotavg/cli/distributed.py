@@ -67,6 +67,7 @@ def solve_in_parts(
     input_path: Path,
     output: Path | None,
     scheduler: str | None,
+    parts: int | None,
     as_json: bool,
     no_certify: bool,
     settings: dict[str, Any],
@@ -77,10 +78,16 @@ def solve_in_parts(
         input_path: a folder of files, or one file.
         output: the folder for the parts of the solution.
         scheduler: its address; None for processes on this machine.
+        parts: how many; None for one a thread.
         as_json: whether to print one JSON object.
         no_certify: whether to leave the certificate out.
-        settings: of `rotavg.distributed.solve`.
+        settings: the other options of the command, by their Python names.
     """
+    known = {
+        "failure_probability": settings["certificate_failure_probability"],
+        **{name: settings[name] for name in ("tolerance", "time_limit", "loss", "seed")},
+        "certificate_tolerance": settings["certificate_tolerance"],
+    }
     distributed = require("distributed", "distributed")
     source: Any = input_path if input_path.is_dir() else rotavg.read(input_path)
     with NowAndThen("reading and dividing the graph") as told:
@@ -93,7 +100,12 @@ def solve_in_parts(
 
         with _client(distributed, scheduler) as client:
             solution = solve(
-                source, client=client, certify=not no_certify, callback=tell, **settings
+                source,
+                client=client,
+                parts=parts,
+                certify=not no_certify,
+                callback=tell,
+                **known,
             )
             if output is not None:
                 solution.write(output)

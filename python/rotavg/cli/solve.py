@@ -14,6 +14,11 @@ import click
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.command import Command
+from rotavg.cli.distributed import (
+    check_distributed_options,
+    distributed_options,
+    solve_in_parts,
+)
 from rotavg.cli.known_edges import check_known_edges, known_edge_options, read_known_edges
 from rotavg.cli.options import choice, number
 from rotavg.cli.output import (
@@ -49,6 +54,7 @@ from rotavg.report import Run, check_report, write_report
             *("loss", "loss_scale", "weight_kind", "cycle_threshold", "min_cycles"),
             *("trusted_path", "trust_odometry", "excluded_path"),
         ),
+        "Many machines": ("distributed", "scheduler", "parts"),
         "When to stop": ("tolerance", "stop", "max_iterations", "time_limit"),
         "Certificate": (
             *("certificate_tolerance", "certificate_failure_probability"),
@@ -158,6 +164,7 @@ from rotavg.report import Run, check_report, write_report
     "No factorisation of the proof takes more operations.",
 )
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
+@distributed_options
 @reading_options
 @options.output_solution
 @options.as_json
@@ -180,6 +187,9 @@ def solve(
     fixed_path: Path | None,
     gravity_path: Path | None,
     gravity_weight: float | None,
+    distributed: bool,
+    scheduler: str | None,
+    parts: int | None,
     **settings: Any,
 ) -> int:
     """Find the rotations that fit the relative rotations in INPUT best, and certify them.
@@ -190,6 +200,9 @@ def solve(
       rotavg solve graph.txt --method sum --threads 4 --json
       rotavg solve photos.txt --loss auto --edges edges.csv
     """
+    check_distributed_options(distributed)
+    if distributed:
+        return solve_in_parts(input_path, output, scheduler, parts, as_json, no_certify, settings)
     settings["loss_scale"] = _radians(loss_scale)
     if cycle_threshold is not None:
         settings["cycle_threshold"] = math.radians(cycle_threshold)
