@@ -6,8 +6,10 @@
 
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/reduction/gravity.hpp>
 #include <rotavg/reduction/gravity_pairs.hpp>
 #include <rotavg/so3/lie.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -54,16 +56,14 @@ inline std::vector<FreeHeading> free_headings(const CertificateMatrix& S,
       const Vector4& e = S.residuals()()[h.edge()];
       k -= (h.is_i() ? 2.0 : -2.0) * e.w() * e.head<3>();
     }
-    const Vector3 mu = g.cross(k);
+    const Vector3 mu = cross(g, k);
     FreeHeading heading;
     heading.label = label;
     heading.row = a;
     heading.B = g * mu.transpose() + mu * g.transpose();
     heading.P = Matrix3::Identity() - g * g.transpose();
-    Index least = 0;
-    g.cwiseAbs().minCoeff(&least);
-    const Vector3 one = g.cross(Vector3::Unit(least)).normalized();
-    heading.across << one, g.cross(one);
+    heading.across.col(0) = any_across(g);
+    heading.across.col(1) = cross(g, any_across(g));
     found.push_back(heading);
   }
   return found;

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <Eigen/Geometry>
 
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
@@ -45,7 +44,7 @@ inline void apply_hessian(const ResidualQuaternions& residuals, const NodeVector
       const Vector3 v = e.head<3>(), w_j(w(h.node, 0), w(h.node, 1), w(h.node, 2));
       const Vector3 d = w_i - w_j;
       const double s = h.is_i() ? e.w() : -e.w();
-      const Vector3 v_w = v.cross(w_j);
+      const Vector3 v_w = cross(v, w_j);
       const double v_d = v.dot(d);
       for (int k = 0; k < 3; ++k) sum(k) += s * (s * d(k) - v_w(k)) - v_d * v(k);
     }

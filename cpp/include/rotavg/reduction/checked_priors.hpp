@@ -1,7 +1,7 @@
 #pragma once
 
 #include <algorithm>
-#include <sstream>
+#include <cmath>
 #include <string>
 #include <vector>
 
@@ -65,21 +65,18 @@ class PriorCheck {
   }
 
   static Vector3 direction(PriorKind kind, NodeId node, const Vector3& v) {
-    if (!v.allFinite() || v.isZero(0.0)) {
-      std::ostringstream reason;
-      reason << "is [" << v.x() << ", " << v.y() << ", " << v.z()
-             << "], expected a finite direction other than zero";
-      throw InvalidPrior(kind, node, reason.str());
-    }
-    return unit_direction(v);
+    const double size = std::abs(v(0)) + std::abs(v(1)) + std::abs(v(2));
+    if (std::isfinite(size) && size > 0.0) return unit_direction(v);
+    throw InvalidPrior(kind, node,
+                       "is [" + six_digits(v(0)) + ", " + six_digits(v(1)) + ", " +
+                           six_digits(v(2)) + "], expected a finite direction other than zero");
   }
 
   static double weight(PriorKind kind, NodeId node, double weight) {
     if (weight >= min_weight && weight <= max_weight) return weight;
-    std::ostringstream reason;
-    reason << "has the weight " << weight << ", expected one from " << min_weight << " to "
-           << max_weight;
-    throw InvalidPrior(kind, node, reason.str());
+    throw InvalidPrior(kind, node,
+                       "has the weight " + six_digits(weight) + ", expected one from " +
+                           six_digits(min_weight) + " to " + six_digits(max_weight));
   }
 
  private:

@@ -9,6 +9,7 @@
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/davenport.hpp>
 #include <rotavg/problem/objective.hpp>
+#include <rotavg/so3/loso_quaternion.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/solve/monitor.hpp>
 #include <rotavg/solve/options.hpp>
