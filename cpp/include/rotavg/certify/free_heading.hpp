@@ -50,20 +50,26 @@ inline std::vector<FreeHeading> free_headings(const CertificateMatrix& S,
     bool known = false;
     for (const FreeHeading& heading : found) known = known || heading.label == label;
     if (known) continue;
-    Vector3 k = Vector3::Zero();
+    Vector3 k(0.0, 0.0, 0.0);
     for (const HalfEdge& h : S.graph().row(world)) {
       if (gravity.free_heading[h.node] != label) continue;
       const Vector4& e = S.residuals()()[h.edge()];
-      k -= (h.is_i() ? 2.0 : -2.0) * e.w() * e.head<3>();
+      const double s = (h.is_i() ? 2.0 : -2.0) * e.w();
+      for (int r = 0; r < 3; ++r) k(r) -= s * e(r);
     }
     const Vector3 mu = cross(g, k);
     FreeHeading heading;
     heading.label = label;
     heading.row = a;
-    heading.B = g * mu.transpose() + mu * g.transpose();
-    heading.P = Matrix3::Identity() - g * g.transpose();
-    heading.across.col(0) = any_across(g);
-    heading.across.col(1) = cross(g, any_across(g));
+    heading.B = outer_product(g, mu);
+    add(heading.B, outer_product(mu, g));
+    heading.P = outer_product({-g(0), -g(1), -g(2)}, g);
+    add_to_diagonal(heading.P, 1.0);
+    const Vector3 one = any_across(g), other = cross(g, one);
+    for (int r = 0; r < 3; ++r) {
+      heading.across(r, 0) = one(r);
+      heading.across(r, 1) = other(r);
+    }
     found.push_back(heading);
   }
   return found;

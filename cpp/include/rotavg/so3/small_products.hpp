@@ -116,6 +116,13 @@ inline bool is_finite(const Matrix3& A) {
   return true;
 }
 
+/// x I.
+inline Matrix3 multiple_of_identity(double x) {
+  Matrix3 A = Matrix3::Zero();
+  add_to_diagonal(A, x);
+  return A;
+}
+
 inline double determinant(const Matrix3& A) {
   return A(0, 0) * (A(1, 1) * A(2, 2) - A(1, 2) * A(2, 1)) +
          A(0, 1) * (A(1, 2) * A(2, 0) - A(1, 0) * A(2, 2)) +
