@@ -58,7 +58,7 @@ inline Matrix3 inverse_right_jacobian(const Vector3& r) {
 /// The angle in radians, 0 … pi, that turns A into B, from the chordal distance |A - B|_F
 /// = 2 sqrt(2) sin(angle / 2), which keeps its digits for small angles.
 inline double angle_between(const Matrix3& A, const Matrix3& B) {
-  const double sine = distance(A, B) / (2.0 * std::sqrt(2.0));
+  const double sine = chordal_distance(A, B) / (2.0 * std::sqrt(2.0));
   if (sine < 0.7) return 2.0 * std::asin(sine);
   return log_so3(transposed_product(A, B)).norm();
 }

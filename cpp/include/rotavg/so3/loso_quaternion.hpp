@@ -20,10 +20,12 @@ namespace rotavg {
 /// or may have met another eigenvector than the largest, the answer comes from the exact kernel.
 inline Quaternion loso(const Matrix4& K, const Quaternion& start) {
   constexpr double much = 0.01;  // radians
-  const double trace = K.trace();
+  const double trace = (K(0, 0) + K(1, 1)) + (K(2, 2) + K(3, 3));
   if (!(trace > 0.0)) return start;
-  const Vector4 x = K * start.coeffs() / trace;
-  const Vector4 y = K * x / trace;
+  Vector4 x = K * start.coeffs();
+  x /= trace;
+  Vector4 y = K * x;
+  y /= trace;
   const double xx = x.squaredNorm(), yy = y.squaredNorm(), xy = x.dot(y);
   // sin^2 of the angle between them; K x may vanish. More than half of the trace is the largest
   // eigenvalue for sure.
@@ -37,8 +39,9 @@ inline Quaternion loso(const Matrix4& K, const Quaternion& start) {
       2.0 * (K(1, 2) - K(0, 3)),  //
       2.0 * (K(0, 2) - K(1, 3)), 2.0 * (K(1, 2) + K(0, 3)), K(2, 2) - K(0, 0) - K(1, 1) + K(3, 3);
   const Quaternion nearest(nearest_rotation(M));
-  const double value = nearest.coeffs().dot(K * nearest.coeffs());
-  return value * yy >= y.dot(K * y) ? nearest : Quaternion(Vector4(y / std::sqrt(yy)));
+  const Vector4 K_nearest = K * nearest.coeffs(), Ky = K * y;
+  const double value = nearest.coeffs().dot(K_nearest);
+  return value * yy >= y.dot(Ky) ? nearest : Quaternion(Vector4(y / std::sqrt(yy)));
 }
 
 }  // namespace rotavg

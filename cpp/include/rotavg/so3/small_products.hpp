@@ -103,12 +103,15 @@ inline void add_to_diagonal(Matrix3& A, double x) {
 }
 
 /// |A - B|_F.
-inline double distance(const Matrix3& A, const Matrix3& B) {
+inline double chordal_distance(const Matrix3& A, const Matrix3& B) {
   double squares = 0.0;
   for (int k = 0; k < 9; ++k) squares += (A(k) - B(k)) * (A(k) - B(k));
   return std::sqrt(squares);
 }
 
+inline bool is_finite(const Vector3& a) {
+  return std::isfinite(a(0)) && std::isfinite(a(1)) && std::isfinite(a(2));
+}
 inline bool is_finite(const Matrix3& A) {
   for (int k = 0; k < 9; ++k) {
     if (!std::isfinite(A(k))) return false;

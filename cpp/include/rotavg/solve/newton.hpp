@@ -78,8 +78,7 @@ inline IterationResult newton(const MeasurementGraph& graph, const Rotations& R,
       }
       parallel_for(graph.num_nodes(), num_threads, [&](Index i) {
         next[i] = q[i];
-        if (graph.row(i).size() > 0)
-          next[i] = turned(q[i], {t * w(i, 0), t * w(i, 1), t * w(i, 2)});
+        if (graph.row(i).size() > 0) next[i] = turned(q[i], t * row_of(w, i));
       });
       residuals.update(next);
       const double enough = f + sufficient * t * slope + objective_rounding(graph, f);
