@@ -152,7 +152,8 @@ class CertificateMatrix {
   Eigen::MatrixXd null_vectors() const {
     if (lifted_null_vectors_.size() > 0) return lifted_null_vectors_;
     Eigen::MatrixXd N = Eigen::MatrixXd::Zero(size(), 3);
-    for (Eigen::Index row = 0; row < size(); ++row) N(row, row % 3) = 1.0 / std::sqrt(num_nodes());
+    const double entry = 1.0 / std::sqrt(double(num_nodes()));
+    for (Eigen::Index row = 0; row < size(); ++row) N(row, row % 3) = entry;
     return N;
   }
 

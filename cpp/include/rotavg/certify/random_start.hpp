@@ -189,7 +189,8 @@ class RandomStart {
     for (int k = 1; k <= max_steps; ++k) {
       if (!goes_on()) return {RandomStartOutcome::stopped, 0.0, 0.0, {}};
       const Operator::Row squares = operator_.products(z, z);
-      const double length = std::sqrt(std::max(squares[0], squares[1]));
+      const bool first = squares[0] > squares[1] || std::isnan(squares[0]);  // a NaN stays
+      const double length = std::sqrt(squares[first ? 0 : 1]);
       longest = std::max(longest, length);
       constexpr double grown = 1e3, rounding = 1.0 + 1e-9;
       if (!(length < grown)) break;
