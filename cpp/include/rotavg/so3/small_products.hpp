@@ -10,13 +10,15 @@ namespace rotavg {
 // every further form of one costs a compiler some 20 ms and 2 MB; these cost nothing, however often
 // used.
 
-/// A B.
+/// A B. The last row is added up in another order than the others: so it is in Eigen's product,
+/// whose bits these are.
 inline Matrix3 product(const Matrix3& A, const Matrix3& B) {
   Matrix3 C;
   for (int c = 0; c < 3; ++c) {
-    for (int r = 0; r < 3; ++r) {
+    for (int r = 0; r < 2; ++r) {
       C(r, c) = A(r, 0) * B(0, c) + A(r, 1) * B(1, c) + A(r, 2) * B(2, c);
     }
+    C(2, c) = A(2, 0) * B(0, c) + (A(2, 1) * B(1, c) + A(2, 2) * B(2, c));
   }
   return C;
 }
@@ -43,10 +45,11 @@ inline Matrix3 product_transposed(const Matrix3& A, const Matrix3& B) {
   return C;
 }
 
-/// A x.
+/// A x, added up in the same order.
 inline Vector3 product(const Matrix3& A, const Vector3& x) {
   Vector3 y;
-  for (int r = 0; r < 3; ++r) y(r) = A(r, 0) * x(0) + A(r, 1) * x(1) + A(r, 2) * x(2);
+  for (int r = 0; r < 2; ++r) y(r) = A(r, 0) * x(0) + A(r, 1) * x(1) + A(r, 2) * x(2);
+  y(2) = A(2, 0) * x(0) + (A(2, 1) * x(1) + A(2, 2) * x(2));
   return y;
 }
 
