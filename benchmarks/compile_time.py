@@ -35,6 +35,7 @@ def _programs() -> dict[str, tuple[str, list[str]]]:
         "the README's program": (found[1], []),
         "the same, rotavg::compiled": (found[1], ["-DROTAVG_COMPILED"]),
         "solve/bcd.hpp alone": ("#include <rotavg/solve/bcd.hpp>\n", []),
+        "Eigen/Core alone": ("#include <Eigen/Core>\nint main() {}\n", []),
         **{f"cpp/src/{name}.cpp": source for name, source in sources.items()},
     }
 

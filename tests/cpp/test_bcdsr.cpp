@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <doctest/doctest.h>
+#include <Eigen/LU>
 
 #include <rotavg/init/random.hpp>
 #include <rotavg/init/shortest_path.hpp>

@@ -2,9 +2,12 @@
 #include <cmath>
 
 #include <doctest/doctest.h>
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 
 #include <rotavg/so3/lie.hpp>
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/so3/small_products.hpp>
 
 #include "support/random.hpp"
 
@@ -41,6 +44,37 @@ TEST_CASE("hat(w) x is the cross product, and vee_difference undoes it twice") {
   CHECK((hat(w) + hat(w).transpose()).norm() == 0.0);
   CHECK((vee_difference(hat(w)) - 2.0 * w).norm() == 0.0);
   CHECK(vee_difference(Matrix3::Identity()).norm() == 0.0);
+}
+
+TEST_CASE("quaternions and small products are those of Eigen") {
+  Random random;
+  INFO(random.replay());
+  constexpr double rounding = 1e-15;
+  for (int k = 0; k < 3000; ++k) {
+    // Near half turns about every axis, too: there the largest of the four is not w.
+    const Vector3 axis = k % 2 == 0 ? random.direction() : Vector3(Vector3::Unit(k / 2 % 3));
+    const double angle = k % 4 < 2 ? random.uniform(0.0, pi) : pi - random.power_of_ten(-12, -1);
+    const Matrix3 R = exp_so3(angle * axis), S = random.rotation();
+    const Vector3 a = random.normal_vector(), b = random.normal_vector();
+    const Eigen::Quaterniond expected(R);
+    const rotavg::Quaternion q(R);
+    CAPTURE(angle);
+    REQUIRE((q.coeffs() - expected.coeffs()).norm() < rounding);
+    REQUIRE(q.norm() == doctest::Approx(expected.norm()).epsilon(rounding));
+    REQUIRE((q.toRotationMatrix() - expected.toRotationMatrix()).norm() < 4.0 * rounding);
+    REQUIRE((q.conjugate().coeffs() - expected.conjugate().coeffs()).norm() < rounding);
+    const rotavg::Vector4 twice = 2.0 * q.coeffs();
+    REQUIRE(
+        (rotavg::Quaternion(twice).normalized().coeffs() - expected.normalized().coeffs()).norm() <
+        rounding);
+    REQUIRE((rotavg::product(R, S) - R * S).norm() < 4.0 * rounding);
+    REQUIRE((rotavg::product(R, a) - R * a).norm() < 4.0 * rounding * a.norm());
+    REQUIRE((rotavg::cross(a, b) - a.cross(b)).norm() < 4.0 * rounding * a.norm() * b.norm());
+    REQUIRE((rotavg::unit(a) - a.normalized()).norm() < rounding);
+    REQUIRE(rotavg::chordal_distance(R, S) == doctest::Approx((R - S).norm()).epsilon(1e-14));
+  }
+  const rotavg::Quaternion zero(rotavg::Vector4(rotavg::Vector4::Zero()));
+  CHECK(zero.normalized().norm() == 0.0);
 }
 
 TEST_CASE("exp is the exponential series") {

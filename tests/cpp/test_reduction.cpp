@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <doctest/doctest.h>
+#include <Eigen/LU>
 
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/reduction/gravity.hpp>

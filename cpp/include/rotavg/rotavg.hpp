@@ -76,6 +76,7 @@
 #include <rotavg/robust/votes.hpp>
 #include <rotavg/so3/lanes.hpp>
 #include <rotavg/so3/loso.hpp>
+#include <rotavg/so3/loso_quaternion.hpp>
 #include <rotavg/so3/random.hpp>
 #include <rotavg/so3/small_products.hpp>
 #include <rotavg/so3/svd.hpp>

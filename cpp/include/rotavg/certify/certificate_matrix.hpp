@@ -37,9 +37,9 @@ class NodeSums {
     // Edge by edge, as on dense graphs a node's edges lie far apart.
     const auto& edges = graph().quaternion_edges();
     for (std::size_t k = 0; k < edges.size(); ++k) {
-      const Vector3 v = residuals_()[k].head<3>(), g = 8.0 * residuals_()[k].w() * v;
+      const Vector3 v = vector_part(residuals_()[k]), g = (8.0 * residuals_()[k].w()) * v;
       Matrix3 less = outer_product(-2.0 * v, v);
-      add_to_diagonal(less, 2.0 * v.squaredNorm());
+      add_to_diagonal(less, 2.0 * dot(v, v));
       diagonal_[edges[k].i] -= less;
       diagonal_[edges[k].j] -= less;
       gradient_[edges[k].i] += g;
@@ -139,7 +139,11 @@ class CertificateMatrix {
   /// D^-1 X, every node's rows divided by its degree: a preconditioner close to S^-1 on graphs that
   /// are so dense that S cannot be factorised.
   Eigen::MatrixXd divide_by_degree(Eigen::MatrixXd X) const {
-    for (Index a = 0; a < num_nodes(); ++a) X.middleRows<3>(3 * a) /= graph().degree(nodes_[a]);
+    for (Index a = 0; a < num_nodes(); ++a) {
+      for (Eigen::Index c = 0; c < X.cols(); ++c) {
+        for (int r = 0; r < 3; ++r) X(3 * a + r, c) /= graph().degree(nodes_[a]);
+      }
+    }
     return X;
   }
 
@@ -147,7 +151,10 @@ class CertificateMatrix {
   /// point there may be more.)
   Eigen::MatrixXd null_vectors() const {
     if (lifted_null_vectors_.size() > 0) return lifted_null_vectors_;
-    return Matrix3::Identity().replicate(num_nodes(), 1) / std::sqrt(double(num_nodes()));
+    Eigen::MatrixXd N = Eigen::MatrixXd::Zero(size(), 3);
+    const double entry = 1.0 / std::sqrt(double(num_nodes()));
+    for (Eigen::Index row = 0; row < size(); ++row) N(row, row % 3) = entry;
+    return N;
   }
 
   /// S N: -skew(sum_j E_ij) = -[g_i / 4] with g the gradient.
@@ -157,7 +164,8 @@ class CertificateMatrix {
     }
     Eigen::MatrixXd K(size(), 3);
     for (Index a = 0; a < num_nodes(); ++a) {
-      K.middleRows<3>(3 * a) = hat(-0.25 * sums_.gradient(nodes_[a]));
+      const Matrix3 K_a = hat(-0.25 * sums_.gradient(nodes_[a]));
+      for (int k = 0; k < 9; ++k) K(3 * a + k % 3, k / 3) = K_a(k);
     }
     return K;
   }

@@ -13,6 +13,7 @@
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/so3/lie.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -28,10 +29,12 @@ namespace detail {
 inline std::vector<double> excess_of(const GroundedGraph& problem, const Rotations& R,
                                      const Rotations& held) {
   std::vector<double> excess(problem.components().nodes.size(), 0.0), f = excess, total = excess;
-  const auto add = [&](Index node, double weight, const auto& at_R, const auto& at_held) {
+  const auto add = [&](Index node, double weight, const Matrix3& at_R, const Matrix3& at_held) {
     const Index c = problem.components().label[problem.riding().variable[node]];
-    excess[c] += weight * (at_R - at_held).cwiseProduct(at_R + at_held).sum();
-    f[c] += weight * at_R.squaredNorm();
+    for (int k = 0; k < 9; ++k) {
+      excess[c] += weight * (at_R(k) - at_held(k)) * (at_R(k) + at_held(k));
+      f[c] += weight * at_R(k) * at_R(k);
+    }
     total[c] += weight;
   };
   for (Index k = 0; k < problem.given().num_edges(); ++k) {
@@ -40,12 +43,16 @@ inline std::vector<double> excess_of(const GroundedGraph& problem, const Rotatio
   }
   const CheckedPriors& priors = problem.priors();
   for (const auto& p : priors.absolute) {
-    add(p.node, p.weight, Matrix3(R[p.node] - p.world_from_node),
-        Matrix3(held[p.node] - p.world_from_node));
+    add(p.node, p.weight, R[p.node] - p.world_from_node, held[p.node] - p.world_from_node);
   }
   for (const auto& p : priors.gravity) {
-    add(p.node, 2.0 * p.weight, Vector3(R[p.node] * p.down - priors.down),
-        Vector3(held[p.node] * p.down - priors.down));
+    const auto missed = [&](const Matrix3& world_from_node) {
+      Matrix3 column = Matrix3::Zero();
+      const Vector3 down = product(world_from_node, p.down);
+      for (int k = 0; k < 3; ++k) column(k) = down(k) - priors.down(k);
+      return column;
+    };
+    add(p.node, 2.0 * p.weight, missed(R[p.node]), missed(held[p.node]));
   }
   for (std::size_t c = 0; c < excess.size(); ++c) {
     if (excess[c] <= objective_rounding(total[c], f[c])) excess[c] = 0.0;

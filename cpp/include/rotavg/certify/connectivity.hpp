@@ -15,6 +15,8 @@
 #include <rotavg/linalg/buffer.hpp>
 #include <rotavg/linalg/partial_cholesky.hpp>
 #include <rotavg/linalg/small_eigen.hpp>
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -52,14 +54,16 @@ class Connectivity {
       const QuaternionEdge& edge = graph.quaternion_edges()[k];
       if (S.components().label[edge.i] != S.component()) continue;
       const Vector4& e = S.residuals()()[k];
-      const double r_ij = 2.0 * e.head<3>().norm() * e.norm();
+      const double r_ij = 2.0 * std::sqrt(vector_square(e)) * e.norm();
       r[row(edge.i)] += r_ij;
       r[row(edge.j)] += r_ij;
     }
     double min_degree = std::numeric_limits<double>::infinity();
     for (Index a = 0; a < S.num_nodes(); ++a) {
       const double degree = graph.degree(S.nodes()[a]);
-      const double d = -small_eigen(S.diagonal(a) - degree * Matrix3::Identity()).values(0);
+      Matrix3 N = S.diagonal(a);
+      add_to_diagonal(N, -degree);
+      const double d = -small_eigen(N).values(0);
       left_[a] = degree - margin * (d + r[a]) - (margin - 1.0) * degree;
       min_degree = std::min(min_degree, degree);
       total_degree_ += degree;

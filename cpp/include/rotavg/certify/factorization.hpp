@@ -18,6 +18,7 @@
 #include <rotavg/linalg/cholesky_rounding.hpp>
 #include <rotavg/linalg/small_eigen.hpp>
 #include <rotavg/linalg/tall.hpp>
+#include <rotavg/problem/connection.hpp>
 
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
@@ -127,8 +128,7 @@ class DefiniteFactorization {
     Z.bottomRows(rows) = cholesky_.solve(K.bottomRows(rows));
     Eigen::MatrixXd rho = K - S_.apply_less_laplacian(Z, kappa_);
     for (const FreeHeading& heading : headings_) {
-      rho.middleRows<3>(3 * heading.row) -=
-          added(heading).lazyProduct(Z.middleRows<3>(3 * heading.row));
+      add_block_product(-added(heading), Z, heading.row, rho, heading.row);
     }
     double node_square = 0.0, heading_square = 0.0;  // of the rounding of K
     for (Index a = 1; a < S_.num_nodes(); ++a) {
@@ -185,16 +185,27 @@ class DefiniteFactorization {
     K.leftCols(3) = S_.leftover();
     for (Eigen::Index h = 0; h < size; ++h) {
       const FreeHeading& heading = headings_[h];
-      K.leftCols(3).middleRows<3>(3 * heading.row) -= heading.B;
+      const Matrix3 less = -heading.B;
+      for (int k = 0; k < 9; ++k) K(3 * heading.row + k % 3, k / 3) += less(k);
       Eigen::MatrixXd turn = Eigen::MatrixXd::Zero(S_.size(), 2);
       for (Index a = 1; a < S_.num_nodes(); ++a) {
-        if (in_part_[h][a]) turn.middleRows<3>(3 * a) = heading.across;
+        if (!in_part_[h][a]) continue;
+        for (int k = 0; k < 6; ++k) turn(3 * a + k % 3, k / 3) = heading.across(k);
       }
-      turn = S_.apply(turn);
-      turn.middleRows<3>(3 * heading.row) -= heading.B * heading.across;
-      K.middleCols(3 + 2 * h, 2) = turn;
+      Eigen::MatrixXd turned = S_.apply(turn);
+      add_block_product(less, turn, heading.row, turned, heading.row);
+      K.middleCols(3 + 2 * h, 2) = turned;
     }
     return K;
+  }
+
+  /// tr(A_a^T B_a), of blocks of three rows.
+  static double block_dot(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, Index a) {
+    double sum = 0.0;
+    for (Eigen::Index c = 0; c < A.cols(); ++c) {
+      for (int r = 0; r < 3; ++r) sum += A(3 * a + r, c) * B(3 * a + r, c);
+    }
+    return sum;
   }
 
   /// A bound on tr(K^T S_r^-1 K) by Z and its residual.
@@ -202,17 +213,17 @@ class DefiniteFactorization {
                 const Eigen::MatrixXd& rho) const {
     double longest = 0.0;  // of the blocks of Z
     for (Index a = 1; a < S_.num_nodes(); ++a) {
-      longest = std::max(longest, Z.middleRows<3>(3 * a).norm());
+      longest = std::max(longest, std::sqrt(block_dot(Z, Z, a)));
     }
     const double summing = unit_roundoff * static_cast<double>(S_.size());
     double first_order = 0.0, rho_square = 0.0, error_square = 0.0;
     for (Index a = 1; a < S_.num_nodes(); ++a) {
-      const auto K_a = K.middleRows<3>(3 * a), rho_a = rho.middleRows<3>(3 * a);
+      const double K_norm = std::sqrt(block_dot(K, K, a)), rho_a = block_dot(rho, rho, a);
       // Of rho: the blocks' rounding and as much again for the products.
-      const double error = 4.0 * S_.block_rounding(a) * longest + 4.0 * unit_roundoff * K_a.norm();
-      first_order += K_a.cwiseProduct(Z.middleRows<3>(3 * a)).sum();
-      first_order += longest * (rho_a.norm() + error) + summing * longest * K_a.norm();
-      rho_square += rho_a.squaredNorm() / mu_[a - 1];
+      const double error = 4.0 * S_.block_rounding(a) * longest + 4.0 * unit_roundoff * K_norm;
+      first_order += block_dot(K, Z, a);
+      first_order += longest * (std::sqrt(rho_a) + error) + summing * longest * K_norm;
+      rho_square += rho_a / mu_[a - 1];
       error_square += error * error / mu_[a - 1];
     }
     const double rest = std::sqrt(rho_square) + std::sqrt(error_square);

@@ -6,8 +6,10 @@
 
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/reduction/gravity.hpp>
 #include <rotavg/reduction/gravity_pairs.hpp>
 #include <rotavg/so3/lie.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -48,22 +50,26 @@ inline std::vector<FreeHeading> free_headings(const CertificateMatrix& S,
     bool known = false;
     for (const FreeHeading& heading : found) known = known || heading.label == label;
     if (known) continue;
-    Vector3 k = Vector3::Zero();
+    Vector3 k(0.0, 0.0, 0.0);
     for (const HalfEdge& h : S.graph().row(world)) {
       if (gravity.free_heading[h.node] != label) continue;
       const Vector4& e = S.residuals()()[h.edge()];
-      k -= (h.is_i() ? 2.0 : -2.0) * e.w() * e.head<3>();
+      const double s = (h.is_i() ? 2.0 : -2.0) * e.w();
+      for (int r = 0; r < 3; ++r) k(r) -= s * e(r);
     }
-    const Vector3 mu = g.cross(k);
+    const Vector3 mu = cross(g, k);
     FreeHeading heading;
     heading.label = label;
     heading.row = a;
-    heading.B = g * mu.transpose() + mu * g.transpose();
-    heading.P = Matrix3::Identity() - g * g.transpose();
-    Index least = 0;
-    g.cwiseAbs().minCoeff(&least);
-    const Vector3 one = g.cross(Vector3::Unit(least)).normalized();
-    heading.across << one, g.cross(one);
+    heading.B = outer_product(g, mu);
+    add(heading.B, outer_product(mu, g));
+    heading.P = outer_product({-g(0), -g(1), -g(2)}, g);
+    add_to_diagonal(heading.P, 1.0);
+    const Vector3 one = any_across(g), other = cross(g, one);
+    for (int r = 0; r < 3; ++r) {
+      heading.across(r, 0) = one(r);
+      heading.across(r, 1) = other(r);
+    }
     found.push_back(heading);
   }
   return found;

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <random>
 #include <vector>
@@ -34,7 +36,7 @@ class LocalOperator {
  public:
   using Block = Eigen::Matrix<double, 3, C>;
   using Vectors = std::vector<Block, Eigen::aligned_allocator<Block>>;  ///< one for each node
-  using Row = Eigen::Array<double, 1, C>;
+  using Row = std::array<double, C>;
 
   /// @param S must outlive this object
   /// @param q world_from_i, of every node of the graph: where S was taken
@@ -44,7 +46,7 @@ class LocalOperator {
     for (Index a = 0; a < S.num_nodes(); ++a) {
       const Index i = S.nodes()[a];
       const Matrix3 R = q[i].toRotationMatrix();
-      nodes_[a] = {R, transposed_product(R, S.diagonal(a)) * R, S.graph().degree(i)};
+      nodes_[a] = {R, product(transposed_product(R, S.diagonal(a)), R), S.graph().degree(i)};
       total_degree_ += nodes_[a].degree;
     }
   }
@@ -74,37 +76,49 @@ class LocalOperator {
       const auto half_edges = S_.graph().row(S_.nodes()[a]);
       for (const HalfEdge& h : half_edges) prefetch(&z[row[h.node]]);
       for (const HalfEdge& h : half_edges) {
-        sum += MeasurementGraph::block(h).lazyProduct(z[row[h.node]]);
+        add_product(MeasurementGraph::block(h), z[row[h.node]], sum);
       }
-      sum = node.Lambda.lazyProduct(z[a]) - sum;
-      result[a] = (scale / node.degree) * sum + shift * z[a] + factor * result[a];
+      Block diagonal = Block::Zero();
+      add_product(node.Lambda, z[a], diagonal);
+      const double s = scale / node.degree;
+      for (int k = 0; k < 3 * C; ++k) {
+        result[a](k) = s * (diagonal(k) - sum(k)) + shift * z[a](k) + factor * result[a](k);
+      }
     });
   }
 
   /// Onto the complement: N^T D z = 0, with a block R_i^T of N for every node.
   void project(Vectors& z) const {
-    const auto along = block_sum<Zeroed<Block>>(num_nodes(), num_threads_, [&](Index a) {
-      const Node& node = nodes_[a];
-      return Block(node.degree * node.R.lazyProduct(z[a]));
+    auto mean = block_sum<Sum<3 * C>>(num_nodes(), num_threads_, [&](Index a) {
+      Block turned = Block::Zero();
+      add_product(nodes_[a].R, z[a], turned);
+      Sum<3 * C> along;
+      for (int k = 0; k < 3 * C; ++k) along.value[k] = nodes_[a].degree * turned(k);
+      return along;
     });
-    const Block mean = along.value / total_degree_;
-    parallel_for(num_nodes(), num_threads_,
-                 [&](Index a) { z[a] -= nodes_[a].R.transpose().lazyProduct(mean); });
+    for (double& entry : mean.value) entry /= total_degree_;
+    parallel_for(num_nodes(), num_threads_, [&](Index a) {
+      const Matrix3& R = nodes_[a].R;
+      for (int c = 0; c < C; ++c) {
+        const double* const x = mean.value + 3 * c;
+        for (int r = 0; r < 3; ++r) z[a](r, c) -= R(0, r) * x[0] + R(1, r) * x[1] + R(2, r) * x[2];
+      }
+    });
   }
 
   /// Of every column of x and of y, x^T D y.
   Row products(const Vectors& x, const Vectors& y) const {
-    return block_sum<Zeroed<Row>>(num_nodes(), num_threads_,
-                                  [&](Index a) {
-                                    Row row;
-                                    for (int c = 0; c < C; ++c) {
-                                      row(c) = x[a](0, c) * y[a](0, c) + x[a](1, c) * y[a](1, c) +
-                                               x[a](2, c) * y[a](2, c);
-                                      row(c) *= nodes_[a].degree;
-                                    }
-                                    return row;
-                                  })
-        .value;
+    const auto sums = block_sum<Sum<C>>(num_nodes(), num_threads_, [&](Index a) {
+      Sum<C> products;
+      for (int c = 0; c < C; ++c) {
+        products.value[c] = nodes_[a].degree * (x[a](0, c) * y[a](0, c) + x[a](1, c) * y[a](1, c) +
+                                                x[a](2, c) * y[a](2, c));
+      }
+      return products;
+    });
+    Row row;
+    for (int c = 0; c < C; ++c) row[static_cast<std::size_t>(c)] = sums.value[c];
+    return row;
   }
 
   /// Columns that are uniform on the unit sphere of the complement.
@@ -121,7 +135,7 @@ class LocalOperator {
     project(z);
     const Row squares = products(z, z);
     for (Block& block : z) {
-      for (Eigen::Index k = 0; k < block.size(); ++k) block(k) /= std::sqrt(squares(k / 3));
+      for (Eigen::Index k = 0; k < block.size(); ++k) block(k) /= std::sqrt(squares[k / 3]);
     }
     return z;
   }
@@ -139,20 +153,25 @@ class LocalOperator {
     Matrix3 R, Lambda;  ///< world_from_i; the diagonal block in the frame of i
     double degree;
   };
-  /// A sum that begins with zeros.
-  template <typename Value>
-  struct Zeroed {
-    Value value = Value::Zero();
-    Zeroed() = default;
-    Zeroed& operator+=(const Zeroed& other) {
-      value += other.value;
-      return *this;
-    }
-    Zeroed& operator+=(const Value& other) {
-      value += other;
+  /// Several sums at once.
+  template <int N>
+  struct Sum {
+    double value[N] = {};
+    Sum& operator+=(const Sum& other) {
+      for (int k = 0; k < N; ++k) value[k] += other.value[k];
       return *this;
     }
   };
+
+  /// y += A x.
+  static void add_product(const Matrix3& A, const Block& x, Block& y) {
+    for (int c = 0; c < C; ++c) {
+      const double x_0 = x(0, c), x_1 = x(1, c), x_2 = x(2, c);
+      y(0, c) += A(0, 0) * x_0 + A(0, 1) * x_1 + A(0, 2) * x_2;
+      y(1, c) += A(1, 0) * x_0 + A(1, 1) * x_1 + A(1, 2) * x_2;
+      y(2, c) += A(2, 0) * x_0 + A(2, 1) * x_1 + A(2, 2) * x_2;
+    }
+  }
 
   const CertificateMatrix& S_;
   int num_threads_;

@@ -13,6 +13,7 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/lobpcg.hpp>
 #include <rotavg/parallel/threads.hpp>
+#include <rotavg/problem/connection.hpp>
 
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
@@ -28,9 +29,7 @@ inline double min_eigenvalue_of_measurements(const MeasurementGraph& graph, int 
   const LinearOperator apply = [&](const Eigen::MatrixXd& X) {
     Eigen::MatrixXd Y = Eigen::MatrixXd::Zero(rows, X.cols());
     parallel_for(graph.num_nodes(), num_threads, [&](Index i) {
-      auto Y_i = Y.middleRows<3>(3 * i);
-      for (const HalfEdge& h : graph.row(i))
-        Y_i += graph.block(h).lazyProduct(X.middleRows<3>(3 * h.node));
+      for (const HalfEdge& h : graph.row(i)) add_block_product(graph.block(h), X, h.node, Y, i);
     });
     return Y;
   };
@@ -92,7 +91,8 @@ inline double lambda_min_near_null_vectors(const CertificateMatrix& S, const Eig
                                            double lowest, const std::function<bool()>& keep_going) {
   if (lowest >= -1e-13 * S.max_degree()) return lowest;
   Eigen::MatrixXd start(S.size(), 6);
-  start << S.null_vectors(), S.divide_by_degree(K);
+  start.leftCols(3) = S.null_vectors();
+  start.rightCols(3) = S.divide_by_degree(K);
   return value_or_nan(min_eigenvalue(
       S, start, [&](const Eigen::MatrixXd& X) { return S.divide_by_degree(X); }, keep_going));
 }

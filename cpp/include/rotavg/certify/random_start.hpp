@@ -148,11 +148,15 @@ class RandomStart {
     // Between z and y = D^1/2 z.
     const auto scaled = [&](const Single& from) {
       Eigen::VectorXd y(S_.size());
-      for (Index a = 0; a < n; ++a) y.segment<3>(3 * a) = root(a) * from[a];
+      for (Index a = 0; a < n; ++a) {
+        for (int k = 0; k < 3; ++k) y(3 * a + k) = root(a) * from[a](k);
+      }
       return y;
     };
     const auto unscale = [&](const Eigen::VectorXd& y) {
-      for (Index a = 0; a < n; ++a) z[a] = y.segment<3>(3 * a) / root(a);
+      for (Index a = 0; a < n; ++a) {
+        for (int k = 0; k < 3; ++k) z[a](k) = y(3 * a + k) / root(a);
+      }
     };
     const auto apply = [&](const Eigen::VectorXd& y) {
       unscale(y);
@@ -184,7 +188,9 @@ class RandomStart {
     double longest = 1.0;                                  // so far
     for (int k = 1; k <= max_steps; ++k) {
       if (!goes_on()) return {RandomStartOutcome::stopped, 0.0, 0.0, {}};
-      const double length = operator_.products(z, z).sqrt().maxCoeff();
+      const Operator::Row squares = operator_.products(z, z);
+      const bool first = squares[0] > squares[1] || std::isnan(squares[0]);  // a NaN stays
+      const double length = std::sqrt(squares[first ? 0 : 1]);
       longest = std::max(longest, length);
       constexpr double grown = 1e3, rounding = 1.0 + 1e-9;
       if (!(length < grown)) break;
@@ -202,15 +208,18 @@ class RandomStart {
   /// Whether a column of z refutes R.
   Result rayleigh(const Vectors& z, Vectors Sz) const {
     operator_.apply(z, 1.0, 0.0, 0.0, Sz);
-    const Operator::Row quotient = operator_.products(z, Sz) / operator_.products(z, z);
+    const Operator::Row products = operator_.products(z, Sz), squares = operator_.products(z, z);
+    const double quotients[2] = {products[0] / squares[0], products[1] / squares[1]};
+    const int c = quotients[1] < quotients[0] ? 1 : 0;
     Result result;
-    Eigen::Index c = 0;
-    result.quotient = quotient.minCoeff(&c);
+    result.quotient = quotients[c];
     if (!(result.quotient < -2.0 * error(1.0))) return result;
     result.outcome = RandomStartOutcome::negative;
     result.x.resize(S_.size());
     for (Index a = 0; a < S_.num_nodes(); ++a) {
-      result.x.segment<3>(3 * a) = q_[S_.nodes()[a]].toRotationMatrix() * z[a].col(c);
+      const Vector3 z_a(z[a](0, c), z[a](1, c), z[a](2, c));
+      const Vector3 x_a = product(q_[S_.nodes()[a]].toRotationMatrix(), z_a);
+      for (int k = 0; k < 3; ++k) result.x(3 * a + k) = x_a(k);
     }
     return result;
   }

@@ -22,10 +22,12 @@ inline Eigen::MatrixXd apply_laplacian(const MeasurementGraph& graph, const Comp
   Eigen::MatrixXd Y(X.rows(), X.cols());
   for (std::size_t a = 0; a < nodes.size(); ++a) {
     const auto row = static_cast<Eigen::Index>(a);
-    Y.row(row) = graph.degree(nodes[a]) * X.row(row);
+    const double degree = graph.degree(nodes[a]);
+    for (Eigen::Index c = 0; c < X.cols(); ++c) Y(row, c) = degree * X(row, c);
     for (const HalfEdge& h : graph.row(nodes[a])) {
       const double weight = graph.edges()[h.edge()].weight;
-      Y.row(row) -= weight * X.row(components.row_in_component[h.node]);
+      const Index other = components.row_in_component[h.node];
+      for (Eigen::Index c = 0; c < X.cols(); ++c) Y(row, c) -= weight * X(other, c);
     }
   }
   return Y;

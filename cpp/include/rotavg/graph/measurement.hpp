@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
+#include <cstdio>
 #include <stdexcept>
 #include <string>
 
@@ -57,38 +57,37 @@ inline double orthogonality_error(const Matrix3& R) {
   return error;
 }
 
+/// A number as messages show it.
+inline std::string six_digits(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.6g", value);
+  return text;
+}
+
 /// @throws InvalidEdge if the weight of measurement k is out of bounds
 inline void check_weight(Index k, double weight) {
   if (weight >= min_weight && weight <= max_weight) return;
-  std::ostringstream reason;
-  reason.precision(6);
-  reason << "found the weight " << weight << "; expected a number between " << min_weight << " and "
-         << max_weight;
-  throw InvalidEdge(k, reason.str());
+  throw InvalidEdge(k, "found the weight " + six_digits(weight) + "; expected a number between " +
+                           six_digits(min_weight) + " and " + six_digits(max_weight));
 }
 
 /// The rotation of measurement k, snapped to the nearest rotation if rounding has moved it off.
 /// @throws InvalidEdge if an end meets itself, an entry is not finite, the matrix is not a rotation
 ///         (by more than max_orthogonality_error), or the weight is out of bounds
 inline Matrix3 check_measurement(Index k, const RelativeRotation& m) {
-  const auto refuse = [k](const auto&... parts) {
-    std::ostringstream reason;
-    reason.precision(6);
-    (reason << ... << parts);
-    throw InvalidEdge(k, reason.str());
-  };
+  const auto refuse = [k](const std::string& reason) { throw InvalidEdge(k, reason); };
 
   if (m.i == m.j) refuse("it joins a node to itself; expected two different nodes");
   check_weight(k, m.weight);
   const Matrix3& R = m.i_from_j;
-  if (!R.allFinite()) refuse("the rotation holds a NaN or an infinity");
+  if (!is_finite(R)) refuse("the rotation holds a NaN or an infinity");
   const double error = orthogonality_error(R);
   if (!(error <= max_orthogonality_error)) {
-    refuse("the matrix is not a rotation: R^T R differs from the identity by ", error,
-           "; expected at most ", max_orthogonality_error);
+    refuse("the matrix is not a rotation: R^T R differs from the identity by " + six_digits(error) +
+           "; expected at most " + six_digits(max_orthogonality_error));
   }
   if (determinant(R) < 0.0) {
-    refuse("the matrix is not a rotation: its determinant is ", determinant(R),
+    refuse("the matrix is not a rotation: its determinant is " + six_digits(determinant(R)) +
            " (a reflection); expected +1");
   }
   return error > negligible_orthogonality_error ? nearest_rotation(R) : R;

@@ -43,11 +43,12 @@ inline std::optional<Rotations> chordal_init(const MeasurementGraph& graph,
     for (Index a = 0; a < elimination.size(); ++a) row[elimination.node(a)] = a;
     Eigen::MatrixXd X = Eigen::MatrixXd::Zero(cholesky.size(), 3);
     for (const HalfEdge& h : graph.row(elimination.root())) {  // Rt_i,root X_root
-      X.middleRows<3>(3 * row[h.node]) += graph.block(h).transpose();
+      const Matrix3 block = graph.block(h);
+      for (int k = 0; k < 9; ++k) X(3 * row[h.node] + k / 3, k % 3) += block(k);
     }
     cholesky.solve_in_place(X);
     for (Index a = 0; a < elimination.size(); ++a) {
-      R[elimination.node(a)] = nearest_rotation(X.middleRows<3>(3 * a).transpose());
+      R[elimination.node(a)] = nearest_rotation(transposed_block(X, a));
     }
   }
   return R;

@@ -6,9 +6,8 @@
 #include <utility>
 #include <vector>
 
-#include <Eigen/Geometry>
-
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -23,7 +22,7 @@ class Detours {
   explicit Detours(const MeasurementGraph& graph) {
     edges_.reserve(graph.edges().size());
     for (const Edge& e : graph.edges()) {
-      edges_.push_back({Eigen::Quaterniond(e.i_from_j), e.weight, e.i, e.j});
+      edges_.push_back({Quaternion(e.i_from_j), e.weight, e.i, e.j});
     }
     neighbours_.resize(static_cast<std::size_t>(graph.num_nodes()));
     for (Index l = 0; l < graph.num_nodes(); ++l) {
@@ -48,19 +47,19 @@ class Detours {
     const auto& ends = neighbours_[b];
     const auto size = static_cast<Index>(starts.size());
     const Index stride = (size + probes_ - 1) / probes_;
-    const Eigen::Quaterniond a_from_b = e.from(a);
+    const Quaternion a_from_b = e.from(a);
     for (Index k = edge % stride; k < size; k += stride) {
       const auto [node, first] = starts[k];
       if (first == edge) continue;
       const UnitEdge& there = edges_[first];
       if (node == b) {
-        visit(distance2(there.from(a), a_from_b), there.weight);
+        visit(squared_distance(there.from(a), a_from_b), there.weight);
         continue;
       }
       const auto found = std::lower_bound(ends.begin(), ends.end(), std::make_pair(node, Index{0}));
       if (found == ends.end() || found->first != node) continue;
       const UnitEdge& back = edges_[found->second];
-      visit(distance2(there.from(a) * back.from(node), a_from_b),
+      visit(squared_distance(Quaternion(product(there.from(a), back.from(node))), a_from_b),
             there.weight / (1.0 + there.weight / back.weight));
     }
     return stride;
@@ -68,18 +67,12 @@ class Detours {
 
  private:
   struct UnitEdge {
-    Eigen::Quaterniond i_from_j;
+    Quaternion i_from_j;
     double weight;
     Index i, j;
     /// a_from_other, for a one of the ends.
-    Eigen::Quaterniond from(Index a) const { return a == i ? i_from_j : i_from_j.conjugate(); }
+    Quaternion from(Index a) const { return a == i ? i_from_j : i_from_j.conjugate(); }
   };
-
-  /// q and -q are the same rotation.
-  static double distance2(const Eigen::Quaterniond& p, const Eigen::Quaterniond& q) {
-    return std::min((p.coeffs() - q.coeffs()).squaredNorm(),
-                    (p.coeffs() + q.coeffs()).squaredNorm());
-  }
 
   std::vector<UnitEdge> edges_;
   std::vector<std::vector<std::pair<Index, Index>>> neighbours_;  // (node, edge), rising

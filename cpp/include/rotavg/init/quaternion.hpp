@@ -45,9 +45,9 @@ inline std::optional<Rotations> quaternion_init(const MeasurementGraph& graph,
     const double scale = e.i_from_j.norm();
     const bool opposite = product(q[e.i], e.i_from_j).dot(q[e.j].coeffs()) < 0.0;
     for (int c = 0; c < 4; ++c) {
-      M[k].col(c) = product(Quaternion(c == 3, c == 0, c == 1, c == 2), e.i_from_j);
+      const Vector4 column = product(Quaternion(c == 3, c == 0, c == 1, c == 2), e.i_from_j);
+      for (int r = 0; r < 4; ++r) M[k](r, c) = (opposite ? -scale : scale) * column(r);
     }
-    M[k] *= opposite ? -scale : scale;
   }
   std::vector<Index> row(q.size(), -1);
   for (Elimination& elimination : eliminations) {
@@ -55,8 +55,16 @@ inline std::optional<Rotations> quaternion_init(const MeasurementGraph& graph,
     if (elimination.flops(4, max_flops) > max_flops) return std::nullopt;
     BlockCholesky<4> cholesky(elimination.symbolic());
     const auto laplacian = elimination.assemble<4>(
-        [&](Index i) -> Matrix4 { return graph.degree(i) * Matrix4::Identity(); },
-        [&](Index k) -> Matrix4 { return -M[k].transpose(); });
+        [&](Index i) {
+          Matrix4 block = Matrix4::Zero();
+          for (int r = 0; r < 4; ++r) block(r, r) = graph.degree(i);
+          return block;
+        },
+        [&](Index k) {
+          Matrix4 block;
+          for (int r = 0; r < 16; ++r) block(r) = -M[k](r % 4 * 4 + r / 4);
+          return block;
+        });
     if (cholesky.factorize(laplacian, 0.0, keep_going) != CholeskyOutcome::positive_definite) {
       return std::nullopt;
     }
@@ -64,14 +72,16 @@ inline std::optional<Rotations> quaternion_init(const MeasurementGraph& graph,
     Eigen::MatrixXd x = Eigen::MatrixXd::Zero(cholesky.size(), 1);
     for (const HalfEdge& h : graph.row(elimination.root())) {  // what multiplies x_root = 1
       const Matrix4& block = M[h.edge()];
-      x.middleRows<4>(4 * row[h.node]) += (h.is_i() ? block : Matrix4(block.transpose())).col(3);
+      for (int r = 0; r < 4; ++r) x(4 * row[h.node] + r) += h.is_i() ? block(r, 3) : block(3, r);
     }
     cholesky.solve_in_place(x);
     for (Index a = 0; a < elimination.size(); ++a) {
-      const Vector4 x_a = x.middleRows<4>(4 * a);
+      Vector4 x_a(x(4 * a), x(4 * a + 1), x(4 * a + 2), x(4 * a + 3));
       // Far from the root, noise can let x vanish to the last digit: there the value above stays.
       const double largest = x_a.cwiseAbs().maxCoeff();  // whose square may vanish
-      if (largest > 0.0) q[elimination.node(a)].coeffs() = (x_a / largest).normalized();
+      if (!(largest > 0.0)) continue;
+      x_a /= largest;
+      q[elimination.node(a)] = Quaternion(x_a).normalized();
     }
   }
   return to_rotations(q);

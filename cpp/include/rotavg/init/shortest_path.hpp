@@ -1,9 +1,9 @@
 #pragma once
 
-#include <Eigen/Geometry>
-
 #include <rotavg/graph/breadth_first.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -16,7 +16,7 @@ inline Matrix3 along_edge(const Edge& e, const Matrix3& R_i, Index j) {
   Matrix3 from_j = e.i_from_j;
   if (e.j != j) from_j.transposeInPlace();
   // Through a quaternion of length one, so that rounding does not pile up along long paths.
-  return Eigen::Quaterniond(R_i * from_j).normalized().matrix();
+  return renormalized(product(R_i, from_j));
 }
 
 /// The shortest-path initial value (Lemma 3): R = I at the first node of every component, and

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <sstream>
 #include <stdexcept>
 #include <string>
 
@@ -43,12 +42,10 @@ inline Rotations checked_rotations(const MeasurementGraph& graph, Rotations R) {
     const double error = orthogonality_error(R[i]);
     const double det = determinant(R[i]);
     if (!(error <= max_orthogonality_error && det > 0.0)) {
-      std::ostringstream reason;
-      reason.precision(6);
-      reason << "is not a rotation: R^T R differs from the identity by " << error
-             << " and the determinant is " << det << "; expected at most "
-             << max_orthogonality_error << ", and 1";
-      throw InvalidRotation(i, reason.str());
+      throw InvalidRotation(i, "is not a rotation: R^T R differs from the identity by " +
+                                   six_digits(error) + " and the determinant is " +
+                                   six_digits(det) + "; expected at most " +
+                                   six_digits(max_orthogonality_error) + ", and 1");
     }
     if (error > negligible_orthogonality_error) R[i] = nearest_rotation(R[i]);
   }

@@ -11,6 +11,7 @@
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/so3/quaternion.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -23,7 +24,7 @@ namespace rotavg {
 inline BlockCholesky<3>::Blocks connection_laplacian(const MeasurementGraph& graph,
                                                      Elimination& elimination) {
   return elimination.assemble<3>(
-      [&](Index i) -> Matrix3 { return graph.degree(i) * Matrix3::Identity(); },
+      [&](Index i) { return multiple_of_identity(graph.degree(i)); },
       [&](Index k) -> Matrix3 { return -weighted_rotation(graph.quaternion_edges()[k].i_from_j); });
 }
 
@@ -31,7 +32,7 @@ inline BlockCholesky<3>::Blocks connection_laplacian(const MeasurementGraph& gra
 inline BlockCholesky<3>::Blocks connection_laplacian(const ResidualQuaternions& residuals,
                                                      Elimination& elimination) {
   return elimination.assemble<3>(
-      [&](Index i) -> Matrix3 { return residuals.graph().degree(i) * Matrix3::Identity(); },
+      [&](Index i) { return multiple_of_identity(residuals.graph().degree(i)); },
       [&](Index k) -> Matrix3 { return -weighted_rotation(Quaternion(residuals()[k])); });
 }
 
@@ -43,6 +44,13 @@ inline void add_block_product(const Matrix3& M, const Eigen::MatrixXd& X, Index 
     double* const y = Y.data() + c * Y.rows() + 3 * a;
     for (int r = 0; r < 3; ++r) y[r] += M(r, 0) * x[0] + M(r, 1) * x[1] + M(r, 2) * x[2];
   }
+}
+
+/// X_a^T, of a 3n x 3 matrix.
+inline Matrix3 transposed_block(const Eigen::MatrixXd& X, Index a) {
+  Matrix3 T;
+  for (int k = 0; k < 9; ++k) T(k) = X(3 * a + k / 3, k % 3);
+  return T;
 }
 
 /// E X with E the symmetric matrix of the blocks E_ij = w R_i R_ij R_j^T of one component, n nodes:

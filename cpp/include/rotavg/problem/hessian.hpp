@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <Eigen/Geometry>
 
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
@@ -19,6 +18,8 @@ namespace rotavg {
 
 /// One vector per node, n x 3, row by row: gradients, and steps R_i <- exp(w_i) R_i.
 using NodeVectors = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
+
+inline Vector3 row_of(const NodeVectors& w, Index i) { return {w(i, 0), w(i, 1), w(i, 2)}; }
 
 /// The Riemannian Hessian of f (3) in the global frame, R_i <- exp(w_i) R_i. With E_ij = R_i R_ij
 /// R_j^T,
@@ -38,15 +39,15 @@ inline void apply_hessian(const ResidualQuaternions& residuals, const NodeVector
   const MeasurementGraph& graph = residuals.graph();
   result.resize(w.rows(), 3);
   parallel_for(graph.num_nodes(), residuals.num_threads(), [&](Index i) {
-    const Vector3 w_i(w(i, 0), w(i, 1), w(i, 2));
+    const Vector3 w_i = row_of(w, i);
     Vector3 sum = Vector3::Zero();
     for (const HalfEdge& h : graph.row(i)) {
       const Vector4& e = residuals()[h.edge()];
-      const Vector3 v = e.head<3>(), w_j(w(h.node, 0), w(h.node, 1), w(h.node, 2));
+      const Vector3 v = vector_part(e), w_j = row_of(w, h.node);
       const Vector3 d = w_i - w_j;
       const double s = h.is_i() ? e.w() : -e.w();
-      const Vector3 v_w = v.cross(w_j);
-      const double v_d = v.dot(d);
+      const Vector3 v_w = cross(v, w_j);
+      const double v_d = dot(v, d);
       for (int k = 0; k < 3; ++k) sum(k) += s * (s * d(k) - v_w(k)) - v_d * v(k);
     }
     for (int k = 0; k < 3; ++k) result(i, k) = 4.0 * sum(k);
@@ -60,7 +61,7 @@ inline BlockCholesky<3>::Blocks hessian_blocks(const ResidualQuaternions& residu
                                                Elimination& elimination) {
   const auto symmetric_part = [&](Index edge) -> Matrix3 {
     const Vector4& e = residuals()[edge];
-    const Vector3 v = e.head<3>();
+    const Vector3 v = vector_part(e);
     Matrix3 block = outer_product(-4.0 * v, v);
     add_to_diagonal(block, 4.0 * e.w() * e.w());
     return block;
@@ -73,7 +74,7 @@ inline BlockCholesky<3>::Blocks hessian_blocks(const ResidualQuaternions& residu
       },
       [&](Index k) -> Matrix3 {
         const Vector4& e = residuals()[k];
-        Matrix3 block = hat(e.head<3>());
+        Matrix3 block = hat(vector_part(e));
         block *= 4.0 * e.w();
         block += symmetric_part(k);
         return -block;

@@ -52,10 +52,12 @@ class LaplacianMetric {
       const Elimination& elimination = *factor.elimination;
       free_.resize(elimination.size(), 3);
       for (Index a = 0; a < elimination.size(); ++a) {
-        free_.row(a) = 0.25 * v.row(elimination.node(a));
+        for (int c = 0; c < 3; ++c) free_(a, c) = 0.25 * v(elimination.node(a), c);
       }
       factor.cholesky.solve_in_place(free_);
-      for (Index a = 0; a < elimination.size(); ++a) result.row(elimination.node(a)) = free_.row(a);
+      for (Index a = 0; a < elimination.size(); ++a) {
+        for (int c = 0; c < 3; ++c) result(elimination.node(a), c) = free_(a, c);
+      }
     }
   }
 

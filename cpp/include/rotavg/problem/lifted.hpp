@@ -14,6 +14,7 @@
 #include <rotavg/problem/connection.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/so3/quaternion.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -59,18 +60,23 @@ class LiftedProblem {
   double degree(Index a) const { return residuals_.graph().degree(nodes_[a]); }
 
   /// The rotations R, in the dimensions that Z already has.
-  LiftedBlocks unlifted() const { return Matrix3::Identity().replicate(num_nodes(), 1); }
+  LiftedBlocks unlifted() const {
+    LiftedBlocks Z = LiftedBlocks::Zero(3 * Eigen::Index{num_nodes()}, 3);
+    for (Eigen::Index row = 0; row < Z.rows(); ++row) Z(row, row % 3) = 1.0;
+    return Z;
+  }
 
   LiftedPoint evaluate(LiftedBlocks Z) const {
     LiftedPoint at;
     at.gradient = apply_connection(residuals_, components_, component_, Z);
     at.Lambda.resize(nodes_.size());
     for (Index a = 0; a < num_nodes(); ++a) {
-      auto gradient_a = at.gradient.middleRows<3>(3 * a);  // E Z at first
-      at.Lambda[a] = symmetric_part(outer_product(at.gradient, Z, a));
-      gradient_a *= -2.0;
+      at.Lambda[a] = symmetric_part(outer_product(at.gradient, Z, a));  // of E Z
+      scale_block(-2.0, at.gradient, a);
       add_block_product(2.0 * at.Lambda[a], Z, a, at.gradient, a);
-      at.relative_gradient = std::max(at.relative_gradient, gradient_a.norm() / degree(a));
+      const Matrix3 squares = outer_product(at.gradient, at.gradient, a);
+      const double norm = std::sqrt(squares(0, 0) + squares(1, 1) + squares(2, 2));
+      at.relative_gradient = std::max(at.relative_gradient, norm / degree(a));
     }
     at.objective = objective(Z);
     at.Z = std::move(Z);
@@ -84,7 +90,8 @@ class LiftedProblem {
         if (!h.is_i()) continue;
         const Quaternion e(residuals_()[h.edge()]);
         const double w = e.squaredNorm();
-        const Matrix3 E = weighted_rotation(e) / w;
+        Matrix3 E = weighted_rotation(e);
+        E /= w;
         const Index j = components_.row_in_component[h.node];
         double squares = 0.0;  // |E^T Z_a - Z_j|^2
         for (Eigen::Index c = 0; c < Z.cols(); ++c) {
@@ -105,7 +112,7 @@ class LiftedProblem {
   LiftedBlocks hessian(const LiftedPoint& at, const LiftedBlocks& V) const {
     LiftedBlocks H = apply_connection(residuals_, components_, component_, V);
     for (Index a = 0; a < num_nodes(); ++a) {
-      H.middleRows<3>(3 * a) *= -2.0;
+      scale_block(-2.0, H, a);
       add_block_product(2.0 * at.Lambda[a], V, a, H, a);
     }
     project(at.Z, H);
@@ -139,6 +146,12 @@ class LiftedProblem {
   }
 
  private:
+  /// A_a <- s A_a.
+  static void scale_block(double s, LiftedBlocks& A, Index a) {
+    for (Eigen::Index c = 0; c < A.cols(); ++c) {
+      for (int r = 0; r < 3; ++r) A(3 * a + r, c) *= s;
+    }
+  }
   /// A_a B_a^T.
   static Matrix3 outer_product(const LiftedBlocks& A, const LiftedBlocks& B, Index a) {
     Matrix3 sum = Matrix3::Zero();
@@ -151,8 +164,6 @@ class LiftedProblem {
     }
     return sum;
   }
-  static Matrix3 symmetric_part(const Matrix3& A) { return 0.5 * (A + A.transpose()); }
-
   const ResidualQuaternions& residuals_;
   const Components& components_;
   Index component_;

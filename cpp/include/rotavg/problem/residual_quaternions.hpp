@@ -11,6 +11,7 @@
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/so3/quaternion.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -27,7 +28,7 @@ inline Vector4 residual_quaternion(const QuaternionEdge& edge, const Quaternions
 /// The objective (3) without storing anything.
 inline double objective(const MeasurementGraph& graph, const Quaternions& q, int num_threads) {
   return block_sum<double>(graph.num_edges(), num_threads, [&](Index k) {
-    return 8.0 * residual_quaternion(graph.quaternion_edges()[k], q).head<3>().squaredNorm();
+    return 8.0 * vector_square(residual_quaternion(graph.quaternion_edges()[k], q));
   });
 }
 
@@ -55,7 +56,7 @@ class ResidualQuaternions {
   void update(const Quaternions& q) {
     objective_ = block_sum<double>(graph_->num_edges(), num_threads_, [&](Index k) {
       e_[k] = residual_quaternion(graph_->quaternion_edges()[k], q);
-      return 8.0 * e_[k].head<3>().squaredNorm();
+      return 8.0 * vector_square(e_[k]);
     });
   }
 
@@ -69,18 +70,20 @@ class ResidualQuaternions {
 
   /// The gradient of f at node l in the global frame, R_l <- exp(w) R_l.
   Vector3 gradient(Index l) const {
-    Vector3 sum = Vector3::Zero();
+    Vector3 sum(0.0, 0.0, 0.0);
     for (const HalfEdge& h : graph_->row(l)) {
       const Vector4& e = e_[h.edge()];
-      sum += (h.is_i() ? e.w() : -e.w()) * e.head<3>();
+      const double s = h.is_i() ? e.w() : -e.w();
+      for (int k = 0; k < 3; ++k) sum(k) += s * e(k);
     }
-    return 8.0 * sum;
+    return {8.0 * sum(0), 8.0 * sum(1), 8.0 * sum(2)};
   }
 
   GradientNorm gradient_norm() const {
     const auto sums = block_sum<GradientSums>(graph_->num_nodes(), num_threads_, [&](Index l) {
       if (graph_->row(l).size() == 0) return GradientSums{};
-      const double square = gradient(l).squaredNorm();
+      const Vector3 g = gradient(l);
+      const double square = dot(g, g);
       return GradientSums{square, std::sqrt(square) / graph_->degree(l)};
     });
     return {std::sqrt(sums.squares), sums.largest};

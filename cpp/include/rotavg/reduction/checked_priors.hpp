@@ -1,7 +1,7 @@
 #pragma once
 
 #include <algorithm>
-#include <sstream>
+#include <cstddef>
 #include <string>
 #include <vector>
 
@@ -65,31 +65,33 @@ class PriorCheck {
   }
 
   static Vector3 direction(PriorKind kind, NodeId node, const Vector3& v) {
-    if (!v.allFinite() || v.isZero(0.0)) {
-      std::ostringstream reason;
-      reason << "is [" << v.x() << ", " << v.y() << ", " << v.z()
-             << "], expected a finite direction other than zero";
-      throw InvalidPrior(kind, node, reason.str());
-    }
-    return unit_direction(v);
+    const bool is_zero = v(0) == 0.0 && v(1) == 0.0 && v(2) == 0.0;
+    if (is_finite(v) && !is_zero) return unit_direction(v);
+    throw InvalidPrior(kind, node,
+                       "is [" + six_digits(v(0)) + ", " + six_digits(v(1)) + ", " +
+                           six_digits(v(2)) + "], expected a finite direction other than zero");
   }
 
   static double weight(PriorKind kind, NodeId node, double weight) {
     if (weight >= min_weight && weight <= max_weight) return weight;
-    std::ostringstream reason;
-    reason << "has the weight " << weight << ", expected one from " << min_weight << " to "
-           << max_weight;
-    throw InvalidPrior(kind, node, reason.str());
+    throw InvalidPrior(kind, node,
+                       "has the weight " + six_digits(weight) + ", expected one from " +
+                           six_digits(min_weight) + " to " + six_digits(max_weight));
   }
 
  private:
   NodeRows rows_;
 };
 
+/// Those of one node keep their order.
 template <typename Prior>
-void sort_by_node(std::vector<Prior>& priors) {
-  std::stable_sort(priors.begin(), priors.end(),
-                   [](const Prior& a, const Prior& b) { return a.node < b.node; });
+void sort_by_node(std::vector<Prior>& priors, Index num_nodes) {
+  std::vector<std::size_t> place(static_cast<std::size_t>(num_nodes) + 1, 0);
+  for (const Prior& p : priors) ++place[p.node + 1];
+  for (Index i = 0; i < num_nodes; ++i) place[i + 1] += place[i];
+  std::vector<Prior> sorted(priors);
+  for (const Prior& p : priors) sorted[place[p.node]++] = p;
+  priors.swap(sorted);
 }
 
 }  // namespace detail
@@ -129,10 +131,10 @@ inline CheckedPriors checked_priors(const MeasurementGraph& graph, const Priors&
     checked.rigs.push_back(
         {row, p.frame, Check::rotation(PriorKind::rig, p.node, p.frame_from_node)});
   }
-  detail::sort_by_node(checked.fixed);
-  detail::sort_by_node(checked.absolute);
-  detail::sort_by_node(checked.gravity);
-  detail::sort_by_node(checked.rigs);
+  detail::sort_by_node(checked.fixed, graph.num_nodes());
+  detail::sort_by_node(checked.absolute, graph.num_nodes());
+  detail::sort_by_node(checked.gravity, graph.num_nodes());
+  detail::sort_by_node(checked.rigs, graph.num_nodes());
   checked.down = Check::direction(PriorKind::down, 0, priors.down);
   return checked;
 }

@@ -2,8 +2,7 @@
 
 #include <vector>
 
-#include <Eigen/Geometry>
-
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
@@ -24,7 +23,8 @@ struct GravityPairs {
   /// e = (v, s), times a half turn about g: |v'|^2 = s^2 + |v|^2 - (v . g)^2, so that
   /// 8 |v|^2 + 8 |v'|^2 - 8 w = 8 |v x g|^2.
   double cost(const Eigen::Vector4d& e) const {
-    return 8.0 * e.head<3>().cross(down).squaredNorm();
+    const Vector3 across = cross({e.x(), e.y(), e.z()}, down);
+    return 8.0 * dot(across, across);
   }
 };
 

@@ -8,6 +8,7 @@
 
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/reduction/gravity.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -59,7 +60,7 @@ inline std::vector<Vector3> refined_gravity(const MeasurementGraph& graph,
     throw std::invalid_argument("expected a direction of gravity for every node");
   }
   for (Vector3& d : down) {
-    if (!d.allFinite()) throw std::invalid_argument("a direction of gravity is not finite");
+    if (!is_finite(d)) throw std::invalid_argument("a direction of gravity is not finite");
     if (!d.isZero(0.0)) d = unit_direction(d);
   }
   std::vector<Vector3> directions;

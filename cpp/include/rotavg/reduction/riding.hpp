@@ -42,14 +42,16 @@ struct Riding {
 
   /// C_i R_ij C_j^T, bit by bit R_ij where both ends are variables themselves.
   Matrix3 between(Index i, const Matrix3& i_from_j, Index j) const {
-    return product_transposed(variable_from_node[i] * i_from_j, variable_from_node[j]);
+    return product_transposed(product(variable_from_node[i], i_from_j), variable_from_node[j]);
   }
 
   /// R_i = Q_v(i) C_i (n,) from those of the variables.
   Rotations nodes_from(const Rotations& Q) const {
     Rotations R;
     R.reserve(variable.size());
-    for (Index i = 0; i < num_nodes(); ++i) R.push_back(Q[variable[i]] * variable_from_node[i]);
+    for (Index i = 0; i < num_nodes(); ++i) {
+      R.push_back(product(Q[variable[i]], variable_from_node[i]));
+    }
     return R;
   }
 
@@ -59,7 +61,7 @@ struct Riding {
     std::vector<Index> riders(static_cast<std::size_t>(num_variables), 0);
     Rotations Q(riders.size(), Matrix3::Zero());
     for (Index i = 0; i < num_nodes(); ++i) {
-      Q[variable[i]] += R[i] * variable_from_node[i].transpose();
+      add(Q[variable[i]], product_transposed(R[i], variable_from_node[i]));
       ++riders[variable[i]];
     }
     for (Index v = 0; v < num_variables; ++v) {
@@ -78,7 +80,8 @@ inline Riding riding_on(const Riding& outer, const Riding& inner) {
   for (Index i = 0; i < inner.num_nodes(); ++i) {
     const Index v = inner.variable[i];
     riding.variable.push_back(outer.variable[v]);
-    riding.variable_from_node.push_back(outer.variable_from_node[v] * inner.variable_from_node[i]);
+    riding.variable_from_node.push_back(
+        product(outer.variable_from_node[v], inner.variable_from_node[i]));
   }
   return riding;
 }

@@ -28,7 +28,7 @@ inline Riding ride_on_world(const Riding& frames, const std::vector<CheckedPrior
   for (const CheckedPriors::Rotation& p : fixed) {
     const Index frame = frames.variable[p.node];
     const Matrix3 world_from_frame =
-        p.world_from_node * frames.variable_from_node[p.node].transpose();
+        product_transposed(p.world_from_node, frames.variable_from_node[p.node]);
     Matrix3& known = riding.variable_from_node[frame];
     if (held[frame] && angle_between(known, world_from_frame) > max_contradiction) {
       throw InvalidPrior(PriorKind::fixed, graph.nodes()[p.node],
@@ -57,17 +57,19 @@ inline std::vector<RelativeRotation> edges_of_world(const CheckedPriors& priors,
   for (const CheckedPriors::Rotation& p : priors.absolute) {
     const Index v = riding.variable[p.node];
     if (v == world) continue;
-    edges.push_back(
-        {world, v, p.world_from_node * riding.variable_from_node[p.node].transpose(), p.weight});
+    edges.push_back({world, v,
+                     product_transposed(p.world_from_node, riding.variable_from_node[p.node]),
+                     p.weight});
   }
   pairs.down = priors.down;
   for (const CheckedPriors::Gravity& p : priors.gravity) {
     const Index v = riding.variable[p.node];
     if (v == world) continue;
-    const Matrix3 Q = riding.variable_from_node[p.node] * rotation_taking(priors.down, p.down);
+    const Matrix3 Q =
+        product(riding.variable_from_node[p.node], rotation_taking(priors.down, p.down));
     pairs.first.push_back(first + static_cast<Index>(edges.size()));
     edges.push_back({v, world, Q, p.weight});
-    edges.push_back({v, world, Q * half_turn(priors.down), p.weight});
+    edges.push_back({v, world, product(Q, half_turn(priors.down)), p.weight});
   }
   return edges;
 }

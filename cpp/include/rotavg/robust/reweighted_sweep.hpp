@@ -6,6 +6,7 @@
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/so3/lanes.hpp>
+#include <rotavg/so3/loso_quaternion.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/solve/monitor.hpp>
 

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include <Eigen/Geometry>
-
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
@@ -23,25 +23,22 @@ inline Vector3 vee_difference(const Matrix3& A) {
 
 /// The rotation by |w| radians about w (Rodrigues).
 inline Matrix3 exp_so3(const Vector3& w) {
-  const double half = 0.5 * w.norm();
-  // sin(half) / (2 half), by its series where the quotient would lose digits.
-  const double s = half < 1e-4 ? 0.5 - half * half / 12.0 : 0.5 * std::sin(half) / half;
-  return Eigen::Quaterniond(std::cos(half), s * w.x(), s * w.y(), s * w.z()).normalized().matrix();
+  return exp_quaternion(w).normalized().toRotationMatrix();
 }
 
 /// exp([w]) R, a rotation to rounding error however often it is turned.
 inline Matrix3 turned(const Matrix3& R, const Vector3& w) {
-  const Matrix3 product = exp_so3(w) * R;
-  return Eigen::Quaterniond(product).normalized().matrix();
+  return renormalized(product(exp_so3(w), R));
 }
 
 /// The rotation vector w, |w| <= pi, with exp_so3(w) = R.
 inline Vector3 log_so3(const Matrix3& R) {
-  Eigen::Quaterniond q(R);
-  if (q.w() < 0.0) q.coeffs() = -q.coeffs();
-  const double s = q.vec().norm();
-  const double scale = s < 1e-9 ? 2.0 / q.w() : 2.0 * std::atan2(s, q.w()) / s;
-  return scale * q.vec();
+  const Quaternion q(R);
+  const double w = std::abs(q.w());
+  Vector3 v(q.x(), q.y(), q.z());
+  const double s = v.norm();
+  v *= (q.w() < 0.0 ? -1.0 : 1.0) * (s < 1e-9 ? 2.0 / w : 2.0 * std::atan2(s, w) / s);
+  return v;
 }
 
 /// J^-1 with log(exp(r) exp(d)) = r + J^-1 d to first order in d, |r| <= pi (Chirikjian 2012):
@@ -52,19 +49,18 @@ inline Matrix3 inverse_right_jacobian(const Vector3& r) {
   const double c = angle < 1e-2 ? 1.0 / 12.0 + angle * angle / 720.0
                                 : (1.0 - half * std::cos(half) / std::sin(half)) / (angle * angle);
   const Matrix3 W = hat(r);
-  Matrix3 J = W * W;
-  J *= c;
-  J += 0.5 * W;
-  for (int k = 0; k < 3; ++k) J(k, k) += 1.0;
+  Matrix3 J = product(W, W);
+  for (int k = 0; k < 9; ++k) J(k) = c * J(k) + 0.5 * W(k);
+  add_to_diagonal(J, 1.0);
   return J;
 }
 
 /// The angle in radians, 0 … pi, that turns A into B, from the chordal distance |A - B|_F
 /// = 2 sqrt(2) sin(angle / 2), which keeps its digits for small angles.
 inline double angle_between(const Matrix3& A, const Matrix3& B) {
-  const double sine = (A - B).norm() / (2.0 * std::sqrt(2.0));
+  const double sine = chordal_distance(A, B) / (2.0 * std::sqrt(2.0));
   if (sine < 0.7) return 2.0 * std::asin(sine);
-  return log_so3(A.transpose() * B).norm();
+  return log_so3(transposed_product(A, B)).norm();
 }
 
 }  // namespace rotavg

@@ -3,11 +3,11 @@
 #include <cmath>
 #include <limits>
 
-#include <Eigen/Geometry>
-
 #include <rotavg/compiled.hpp>
 #include <rotavg/so3/loso.hpp>
 #include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -17,10 +17,11 @@ namespace rotavg {
 
 /// The cofactor matrix: cof(M)^T M = det(M) I.
 inline Matrix3 cofactor_matrix(const Matrix3& M) {
+  const Vector3 a(M(0, 0), M(1, 0), M(2, 0)), b(M(0, 1), M(1, 1), M(2, 1)),
+      c(M(0, 2), M(1, 2), M(2, 2));
+  const Vector3 columns[3] = {cross(b, c), cross(c, a), cross(a, b)};
   Matrix3 C;
-  C.col(0) = M.col(1).cross(M.col(2));
-  C.col(1) = M.col(2).cross(M.col(0));
-  C.col(2) = M.col(0).cross(M.col(1));
+  for (int k = 0; k < 9; ++k) C(k) = columns[k / 3](k % 3);
   return C;
 }
 
@@ -55,7 +56,7 @@ ROTAVG_INLINE Matrix3 nearest_rotation(const Matrix3& M) {
       const Matrix3 gram = B.transpose() * B;
       Matrix3 X = B * gram;
       for (int k = 0; k < 9; ++k) X(k) = ((kappa + norm2) * B(k) + lambda * C(k) - X(k)) / zeta;
-      return Eigen::Quaterniond(X).normalized().matrix();
+      return renormalized(X);
     }
   }
   Matrix3 A = -M;

@@ -5,20 +5,96 @@
 #include <vector>
 
 #include <Eigen/Core>
-#include <Eigen/Geometry>
 
-#include <rotavg/so3/nearest.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
 
-/// x, y, z, w; of any length. q and -q are the same rotation.
-using Quaternion = Eigen::Quaterniond;
-using Quaternions = std::vector<Quaternion>;
-/// sqrt(w) times a unit quaternion: what is quadratic in it has the weight folded in.
-using WeightedQuaternion = Eigen::Quaternion<double, Eigen::DontAlign>;
 using Matrix4 = Eigen::Matrix4d;
 using Vector4 = Eigen::Vector4d;
+
+/// A quaternion of any length, stored x, y, z, w. q and -q are the same rotation. What it has of
+/// Eigen::Quaternion has the same name and gives the same bits; <Eigen/Geometry> would bring in all
+/// of Eigen's dense solvers.
+template <int Options>
+class BasicQuaternion {
+ public:
+  using Coefficients = Eigen::Matrix<double, 4, 1, Options>;
+
+  BasicQuaternion() = default;
+  BasicQuaternion(double w, double x, double y, double z) : coeffs_(x, y, z, w) {}
+  explicit BasicQuaternion(const Vector4& xyzw) : coeffs_(xyzw) {}
+  /// Of length 1 if R is a rotation. The largest of the four is found by its square, 4 w^2 = 1 +
+  /// tr R or 4 x^2 = 1 + R_00 - R_11 - R_22 …, the others by their products with it.
+  explicit BasicQuaternion(const Matrix3& R) {
+    const double trace = R(0, 0) + (R(1, 1) + R(2, 2));
+    if (trace > 0.0) {
+      const double twice = std::sqrt(trace + 1.0), scale = 0.5 / twice;
+      coeffs_(0) = (R(2, 1) - R(1, 2)) * scale;
+      coeffs_(1) = (R(0, 2) - R(2, 0)) * scale;
+      coeffs_(2) = (R(1, 0) - R(0, 1)) * scale;
+      coeffs_(3) = 0.5 * twice;
+      return;
+    }
+    int a = R(1, 1) > R(0, 0) ? 1 : 0;
+    if (R(2, 2) > R(a, a)) a = 2;
+    const int b = (a + 1) % 3, c = (a + 2) % 3;
+    const double twice = std::sqrt(R(a, a) - R(b, b) - R(c, c) + 1.0), scale = 0.5 / twice;
+    coeffs_(a) = 0.5 * twice;
+    coeffs_(b) = (R(b, a) + R(a, b)) * scale;
+    coeffs_(c) = (R(c, a) + R(a, c)) * scale;
+    coeffs_(3) = (R(c, b) - R(b, c)) * scale;
+  }
+  static BasicQuaternion Identity() { return {1.0, 0.0, 0.0, 0.0}; }
+
+  double x() const { return coeffs_(0); }
+  double y() const { return coeffs_(1); }
+  double z() const { return coeffs_(2); }
+  double w() const { return coeffs_(3); }
+  const Coefficients& coeffs() const { return coeffs_; }
+  Coefficients& coeffs() { return coeffs_; }
+
+  bool operator==(const BasicQuaternion& q) const {
+    return x() == q.x() && y() == q.y() && z() == q.z() && w() == q.w();
+  }
+  double squaredNorm() const { return (x() * x() + z() * z()) + (y() * y() + w() * w()); }
+  double norm() const { return std::sqrt(squaredNorm()); }
+  BasicQuaternion conjugate() const { return {w(), -x(), -y(), -z()}; }
+  /// Of length 1; zero stays zero.
+  BasicQuaternion normalized() const {
+    const double squared = squaredNorm();
+    if (!(squared > 0.0)) return *this;
+    const double length = std::sqrt(squared);
+    return {w() / length, x() / length, y() / length, z() / length};
+  }
+
+  /// R(q), of a unit quaternion.
+  Matrix3 toRotationMatrix() const {
+    const double x2 = 2.0 * x(), y2 = 2.0 * y(), z2 = 2.0 * z();
+    const double xw = x2 * w(), yw = y2 * w(), zw = z2 * w();
+    const double xx = x2 * x(), xy = y2 * x(), xz = z2 * x();
+    const double yy = y2 * y(), yz = z2 * y(), zz = z2 * z();
+    Matrix3 R;
+    R(0, 0) = 1.0 - (yy + zz);
+    R(0, 1) = xy - zw;
+    R(0, 2) = xz + yw;
+    R(1, 0) = xy + zw;
+    R(1, 1) = 1.0 - (xx + zz);
+    R(1, 2) = yz - xw;
+    R(2, 0) = xz - yw;
+    R(2, 1) = yz + xw;
+    R(2, 2) = 1.0 - (xx + yy);
+    return R;
+  }
+
+ private:
+  Coefficients coeffs_;
+};
+
+using Quaternion = BasicQuaternion<0>;
+using Quaternions = std::vector<Quaternion>;
+/// sqrt(w) times a unit quaternion: what is quadratic in it has the weight folded in.
+using WeightedQuaternion = BasicQuaternion<Eigen::DontAlign>;
 
 inline Quaternion to_quaternion(const Matrix3& R) { return Quaternion(R).normalized(); }
 
@@ -33,8 +109,7 @@ inline Quaternions to_quaternions(const Rotations& R) {
 inline Rotations to_rotations(const Quaternions& q, const Rotations& start) {
   Rotations R(start);
   for (std::size_t i = 0; i < R.size(); ++i) {
-    const bool same = (q[i].coeffs().array() == to_quaternion(R[i]).coeffs().array()).all();
-    if (!same) R[i] = q[i].toRotationMatrix();
+    if (!(q[i] == to_quaternion(R[i]))) R[i] = q[i].toRotationMatrix();
   }
   return R;
 }
@@ -59,6 +134,10 @@ EIGEN_STRONG_INLINE Vector4 conjugated(const A& a) {
   return {-a.x(), -a.y(), -a.z(), a.w()};
 }
 
+/// The vector part v of (v, s), and |v|^2.
+inline Vector3 vector_part(const Vector4& q) { return {q(0), q(1), q(2)}; }
+inline double vector_square(const Vector4& q) { return q(0) * q(0) + q(1) * q(1) + q(2) * q(2); }
+
 /// |q|^2 R(q).
 template <typename Q>
 Matrix3 weighted_rotation(const Q& q) {
@@ -72,53 +151,39 @@ Matrix3 weighted_rotation(const Q& q) {
   return M;
 }
 
-/// exp([w]) q, of unit length.
-inline Quaternion turned(const Quaternion& q, const Vector3& w) {
+/// The quaternion of the rotation by |w| radians about w.
+inline Quaternion exp_quaternion(const Vector3& w) {
   const double half = 0.5 * w.norm();
   // sin(half) / (2 half), by its series where the quotient would lose digits
   const double s = half < 1e-4 ? 0.5 - half * half / 12.0 : 0.5 * std::sin(half) / half;
-  const Quaternion step(std::cos(half), s * w.x(), s * w.y(), s * w.z());
-  return Quaternion(product(step, q)).normalized();
+  return {std::cos(half), s * w.x(), s * w.y(), s * w.z()};
+}
+
+/// exp([w]) q, of unit length.
+inline Quaternion turned(const Quaternion& q, const Vector3& w) {
+  return Quaternion(product(exp_quaternion(w), q)).normalized();
+}
+
+/// R moved to the nearest rotation, but for the square of how far it is from one.
+inline Matrix3 renormalized(const Matrix3& R) {
+  return Quaternion(R).normalized().toRotationMatrix();
+}
+
+/// The squared distance of unit quaternions: the smaller one, as q and -q are the same rotation.
+inline double squared_distance(const Quaternion& a, const Quaternion& b) {
+  double difference = 0.0, sum = 0.0;
+  for (int k = 0; k < 4; ++k) {
+    const double x = a.coeffs()(k), y = b.coeffs()(k);
+    difference += (x - y) * (x - y);
+    sum += (x + y) * (x + y);
+  }
+  return std::min(difference, sum);
 }
 
 /// |R(a) - R(b)|_F of unit quaternions: 2 sqrt(2) times the sine of half the angle between them.
 inline double chordal_distance(const Quaternion& a, const Quaternion& b) {
-  const double squared =
-      std::min((a.coeffs() - b.coeffs()).squaredNorm(), (a.coeffs() + b.coeffs()).squaredNorm());
+  const double squared = squared_distance(a, b);
   return 2.0 * std::sqrt(2.0 * squared * (1.0 - 0.25 * squared));
-}
-
-/// LOSO (Algorithm 1) in quaternions: the unit q that maximises q^T K q, for a positive
-/// semidefinite K = sum p p^T over estimates p (Davenport's matrix). For a unit q,
-///
-///     4 q^T K q - tr K = tr(M^T R(q)),     M = sum |p|^2 R(p),
-///
-/// so R(q) is the rotation nearest to M, the minimiser of tr(A X) with A = -M^T.
-///
-/// Two steps of the power method from a good start are as exact as the next iteration needs, and
-/// q^T K q never falls. Where they still move much, because the start is far or the maximum flat,
-/// or may have met another eigenvector than the largest, the answer comes from the exact kernel.
-inline Quaternion loso(const Matrix4& K, const Quaternion& start) {
-  constexpr double much = 0.01;  // radians
-  const double trace = K.trace();
-  if (!(trace > 0.0)) return start;
-  const Vector4 x = K * start.coeffs() / trace;
-  const Vector4 y = K * x / trace;
-  const double xx = x.squaredNorm(), yy = y.squaredNorm(), xy = x.dot(y);
-  // sin^2 of the angle between them; K x may vanish. More than half of the trace is the largest
-  // eigenvalue for sure.
-  if (xx * yy - xy * xy <= much * much * xx * yy && yy > 0.0625) {
-    return Quaternion(Vector4(y / std::sqrt(yy)));
-  }
-  Matrix3 M;  // as weighted_rotation, with K_ab for the product of a and b
-  M << K(0, 0) - K(1, 1) - K(2, 2) + K(3, 3), 2.0 * (K(0, 1) - K(2, 3)),
-      2.0 * (K(0, 2) + K(1, 3)),  //
-      2.0 * (K(0, 1) + K(2, 3)), K(1, 1) - K(0, 0) - K(2, 2) + K(3, 3),
-      2.0 * (K(1, 2) - K(0, 3)),  //
-      2.0 * (K(0, 2) - K(1, 3)), 2.0 * (K(1, 2) + K(0, 3)), K(2, 2) - K(0, 0) - K(1, 1) + K(3, 3);
-  const Quaternion nearest(nearest_rotation(M));
-  const double value = nearest.coeffs().dot(K * nearest.coeffs());
-  return value * yy >= y.dot(K * y) ? nearest : Quaternion(Vector4(y / std::sqrt(yy)));
 }
 
 }  // namespace rotavg

@@ -4,8 +4,7 @@
 #include <cstdint>
 #include <random>
 
-#include <Eigen/Geometry>
-
+#include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
@@ -25,9 +24,9 @@ inline Matrix3 random_rotation(std::mt19937_64& generator) {
   const double b = two_pi * random_unit(generator);
   const double r = std::sqrt(1.0 - u);
   const double s = std::sqrt(u);
-  return Eigen::Quaterniond(s * std::cos(b), r * std::sin(a), r * std::cos(a), s * std::sin(b))
+  return Quaternion(s * std::cos(b), r * std::sin(a), r * std::cos(a), s * std::sin(b))
       .normalized()
-      .matrix();
+      .toRotationMatrix();
 }
 
 }  // namespace rotavg

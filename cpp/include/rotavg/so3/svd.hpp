@@ -4,8 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include <Eigen/Geometry>
-
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
@@ -80,7 +79,7 @@ inline SingularValues singular_values(const Matrix3& A) {
   }
   u[1] -= u[0].dot(u[1]) * u[0];
   u[1] = u[1] / u[1].norm();
-  u[2] = u[0].cross(u[1]);
+  u[2] = cross(u[0], u[1]);
   if (u[2].dot(w[2]) < 0.0) u[2] *= -1.0;
   for (int k = 0; k < 3; ++k) {
     for (int r = 0; r < 3; ++r) svd.U(r, k) = u[k](r);

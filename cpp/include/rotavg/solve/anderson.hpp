@@ -42,13 +42,12 @@ class AndersonMixing {
   /// @param mixed receives the prediction; a node without edges keeps its rotation
   /// @returns whether there was enough to predict from
   bool mix(const Quaternions& q, const Quaternions& next, Quaternions& mixed) {
-    const auto n = static_cast<Eigen::Index>(q.size());
-    Columns x(4, n), residual(4, n);
+    Columns x(q.size()), residual(q.size());
     for_nodes([&](Index l) {
-      x.col(l) = q[l].coeffs();
-      residual.col(l) = same_sign(next[l], q[l]) - x.col(l);
+      x[l] = q[l].coeffs();
+      residual[l] = same_sign(next[l], q[l]) - x[l];
     });
-    if (last_x_.cols() > 0) add_pair(x, residual);
+    if (!last_x_.empty()) add_pair(x, residual);
     last_x_.swap(x);
     last_residual_.swap(residual);
     if (pairs_.empty()) return false;
@@ -57,9 +56,10 @@ class AndersonMixing {
     for (const Pair& pair : pairs_) theta.push_back(inner(pair.r, last_residual_));
     mixed.resize(q.size());
     for_nodes([&](Index l) {
-      Vector4 y = last_x_.col(l) + last_residual_.col(l);
+      Vector4 y = last_x_[l] + last_residual_[l];
       for (std::size_t k = 0; k < theta.size(); ++k) {
-        y -= theta[k] * (pairs_[k].u.col(l) + pairs_[k].r.col(l));
+        const Vector4 change = pairs_[k].u[l] + pairs_[k].r[l];
+        y -= theta[k] * change;
       }
       const bool usable = graph_.row(l).size() > 0 && y.squaredNorm() > 0.01;
       mixed[l] = usable ? Quaternion(y).normalized() : next[l];
@@ -68,7 +68,7 @@ class AndersonMixing {
   }
 
  private:
-  using Columns = Eigen::Matrix<double, 4, Eigen::Dynamic>;
+  using Columns = std::vector<Vector4>;  ///< one for each node
   /// Where the iterate changes by u, the residual changes by r, |r| = 1.
   struct Pair {
     Columns u, r;
@@ -78,33 +78,35 @@ class AndersonMixing {
 
   /// q and -q are the same rotation.
   static Vector4 same_sign(const Quaternion& q, const Quaternion& as) {
-    return q.coeffs().dot(as.coeffs()) < 0.0 ? Vector4(-q.coeffs()) : Vector4(q.coeffs());
+    Vector4 y = q.coeffs();
+    if (y.dot(as.coeffs()) < 0.0) y *= -1.0;
+    return y;
   }
 
   void add_pair(const Columns& x, const Columns& residual) {
-    Pair pair{Columns(4, x.cols()), Columns(4, x.cols())};
+    Pair pair{Columns(x.size()), Columns(x.size())};
     Columns &u = pair.u, &r = pair.r;  // lambdas of C++17 capture no structured binding
     for_nodes([&](Index l) {
-      u.col(l) = x.col(l) - last_x_.col(l);
-      r.col(l) = residual.col(l) - last_residual_.col(l);
-      if (x.col(l).dot(last_x_.col(l)) < 0.0) {  // the sign has changed
-        u.col(l) = x.col(l) + last_x_.col(l);
-        r.col(l) = residual.col(l) + last_residual_.col(l);
+      u[l] = x[l] - last_x_[l];
+      r[l] = residual[l] - last_residual_[l];
+      if (x[l].dot(last_x_[l]) < 0.0) {  // the sign has changed
+        u[l] = x[l] + last_x_[l];
+        r[l] = residual[l] + last_residual_[l];
       }
     });
     const double size = std::sqrt(inner(r, r));
     for (const Pair& other : pairs_) {
       const double s = inner(r, other.r);
       for_nodes([&](Index l) {
-        u.col(l) -= s * other.u.col(l);
-        r.col(l) -= s * other.r.col(l);
+        u[l] -= s * other.u[l];
+        r[l] -= s * other.r[l];
       });
     }
     const double left = std::sqrt(inner(r, r));
     if (!(left > 1e-10 * size)) return;  // it says nothing new
     for_nodes([&](Index l) {
-      u.col(l) /= left;
-      r.col(l) /= left;
+      u[l] /= left;
+      r[l] /= left;
     });
     if (pairs_.size() == max_pairs) pairs_.pop_front();
     pairs_.push_back(std::move(pair));
@@ -112,7 +114,7 @@ class AndersonMixing {
 
   double inner(const Columns& A, const Columns& B) const {
     return block_sum<double>(graph_.num_nodes(), num_threads_, [&](Index l) {
-      return graph_.degree(l) / max_degree_ * A.col(l).dot(B.col(l));
+      return graph_.degree(l) / max_degree_ * A[l].dot(B[l]);
     });
   }
 

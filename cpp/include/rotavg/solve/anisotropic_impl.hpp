@@ -16,10 +16,12 @@
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
+#include <rotavg/linalg/flat.hpp>
 #include <rotavg/problem/gauge.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/so3/lie.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/solve/anisotropic.hpp>
 #include <rotavg/solve/monitor.hpp>
 #include <rotavg/solve/options.hpp>
@@ -35,8 +37,7 @@ namespace detail {
 
 /// r_ij = log(R_ij^T R_i^T R_j).
 inline Vector3 anisotropic_residual(const Edge& e, const Rotations& R) {
-  const Matrix3 predicted = R[e.i] * e.i_from_j;
-  return log_so3(predicted.transpose() * R[e.j]);
+  return log_so3(transposed_product(product(R[e.i], e.i_from_j), R[e.j]));
 }
 
 /// F and what Gauss and Newton need of it at some rotations.
@@ -52,18 +53,17 @@ class AnisotropicLinearization {
     for (std::size_t k = 0; k < hessian_.size(); ++k) {
       const Edge& e = graph.edges()[k];
       const Vector3 r = anisotropic_residual(e, R);
-      const Matrix3 A = inverse_right_jacobian(r) * R[e.j].transpose();
-      const Matrix3 A_t = A.transpose();
-      const Vector3 pull = information[k] * r;
-      const Vector3 g = 2.0 * (A_t * pull);
-      objective_ += r.dot(pull);
-      const Matrix3 information_A = information[k] * A;
-      hessian_[k] = A_t * information_A;
+      const Matrix3 A = product_transposed(inverse_right_jacobian(r), R[e.j]);
+      const Vector3 pull = product(information[k], r), g = product(transposed(A), pull);
+      objective_ += dot(r, pull);
+      hessian_[k] = transposed_product(A, product(information[k], A));
       hessian_[k] *= 2.0;
-      gradient_.row(e.i) -= g.transpose();
-      gradient_.row(e.j) += g.transpose();
-      stiffness_[e.i] += information[k].trace() / 3.0;
-      stiffness_[e.j] += information[k].trace() / 3.0;
+      for (int a = 0; a < 3; ++a) {
+        gradient_(e.i, a) -= 2.0 * g(a);
+        gradient_(e.j, a) += 2.0 * g(a);
+        stiffness_[e.i] += information[k](a, a) / 3.0;
+        stiffness_[e.j] += information[k](a, a) / 3.0;
+      }
     }
   }
 
@@ -72,10 +72,11 @@ class AnisotropicLinearization {
 
   /// Relative as of (3): about four times the angle by which a node would turn.
   GradientNorm gradient_norm() const {
-    GradientNorm norm{gradient_.norm(), 0.0};
+    GradientNorm norm{std::sqrt(flat_dot(gradient_, gradient_)), 0.0};
     for (std::size_t i = 0; i < stiffness_.size(); ++i) {
       if (stiffness_[i] == 0.0) continue;
-      const double size = gradient_.row(static_cast<Eigen::Index>(i)).norm();
+      const Vector3 g = row_of(gradient_, static_cast<Index>(i));
+      const double size = std::sqrt(dot(g, g));
       norm.relative = std::max(norm.relative, 2.0 * size / stiffness_[i]);
     }
     return norm;
@@ -104,8 +105,7 @@ inline double anisotropic_objective(const MeasurementGraph& graph,
   double sum = 0.0;
   for (std::size_t k = 0; k < information.size(); ++k) {
     const Vector3 r = anisotropic_residual(graph.edges()[k], R);
-    const Vector3 pull = information[k] * r;
-    sum += r.dot(pull);
+    sum += dot(r, product(information[k], r));
   }
   return sum;
 }
@@ -139,22 +139,22 @@ ROTAVG_INLINE IterationResult refine_anisotropic(const MeasurementGraph& graph,
       if (outcome != CholeskyOutcome::positive_definite) continue;  // rounding, or stopped
       Eigen::MatrixXd right(cholesky.size(), 1);
       for (Index a = 0; a < elimination.size(); ++a) {
-        right.col(0).segment<3>(3 * a) = -at_R.gradient().row(elimination.node(a)).transpose();
+        for (int k = 0; k < 3; ++k) right(3 * a + k) = -at_R.gradient()(elimination.node(a), k);
       }
       cholesky.solve_in_place(right);
       for (Index a = 0; a < elimination.size(); ++a) {
-        w.row(elimination.node(a)) = right.col(0).segment<3>(3 * a).transpose();
+        for (int k = 0; k < 3; ++k) w(elimination.node(a), k) = right(3 * a + k);
       }
     }
 
-    const double slope = at_R.gradient().cwiseProduct(w).sum();
+    const double slope = flat_dot(at_R.gradient(), w);
     const double rounding = 1e-14 * at_R.objective();
     settled = true;
     double t = 1.0;
     for (int k = 0; k < max_halvings && slope < 0.0; ++k, t *= 0.5) {
       Rotations next = R;
       for (std::size_t i = 0; i < next.size(); ++i) {
-        next[i] = turned(R[i], t * w.row(static_cast<Eigen::Index>(i)).transpose());
+        next[i] = turned(R[i], t * row_of(w, static_cast<Index>(i)));
       }
       const double f = detail::anisotropic_objective(graph, information, next);
       if (f <= at_R.objective() + sufficient * t * slope + rounding) {
@@ -163,7 +163,7 @@ ROTAVG_INLINE IterationResult refine_anisotropic(const MeasurementGraph& graph,
         break;
       }
     }
-    step = settled ? 0.0 : t * std::sqrt(2.0 / 3.0 * w.squaredNorm() / graph.num_nodes());
+    step = settled ? 0.0 : t * std::sqrt(2.0 / 3.0 * flat_dot(w, w) / graph.num_nodes());
   }
   fix_gauge(components, R);
   return std::move(monitor).result(std::move(R));

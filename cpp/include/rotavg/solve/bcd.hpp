@@ -6,6 +6,7 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/problem/davenport.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/so3/loso_quaternion.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/solve/monitor.hpp>
 #include <rotavg/solve/options.hpp>

@@ -11,6 +11,7 @@
 
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
+#include <rotavg/linalg/flat.hpp>
 #include <rotavg/problem/connection.hpp>
 #include <rotavg/problem/lifted.hpp>
 #include <rotavg/problem/objective.hpp>
@@ -41,7 +42,9 @@ class ConnectionMetric {
     Eigen::MatrixXd Y = X;
     const Index factored = cholesky_ ? problem_.num_nodes() - 1 : 0;
     for (Index a = 0; a < problem_.num_nodes() - factored; ++a) {
-      Y.middleRows<3>(3 * a) /= problem_.degree(a);
+      for (Eigen::Index c = 0; c < Y.cols(); ++c) {
+        for (int r = 0; r < 3; ++r) Y(3 * a + r, c) /= problem_.degree(a);
+      }
     }
     if (factored > 0) cholesky_->solve_in_place(Y.bottomRows(3 * factored));
     return Y;
@@ -89,7 +92,7 @@ inline LiftedResult lifted_newton(const LiftedProblem& problem, ConnectionMetric
           z = 0.5 * metric.apply(r);
           problem.project(at.Z, z);
         });
-    const double slope = at.gradient.cwiseProduct(V).sum();
+    const double slope = flat_dot(at.gradient, V);
     double t = 1.0;
     LiftedBlocks next;
     for (int k = 0; k < max_halvings; ++k, t *= 0.5) {

@@ -8,6 +8,7 @@
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/linalg/flat.hpp>
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/problem/laplacian_metric.hpp>
 #include <rotavg/problem/objective.hpp>
@@ -56,14 +57,16 @@ inline IterationResult newton(const MeasurementGraph& graph, const Rotations& R,
   TruncatedCg<NodeVectors> newton_direction;
   double step = 0.0;
   while (!monitor.should_stop(residuals.objective(), residuals.gradient_norm(), step)) {
-    parallel_for(graph.num_nodes(), num_threads,
-                 [&](Index i) { g.row(i) = residuals.gradient(i).transpose(); });
+    parallel_for(graph.num_nodes(), num_threads, [&](Index i) {
+      const Vector3 g_i = residuals.gradient(i);
+      for (int k = 0; k < 3; ++k) g(i, k) = g_i(k);
+    });
     const double forcing = std::min(0.1, std::sqrt(monitor.relative_gradient()));
     const NodeVectors& w = newton_direction(
         g, forcing, max_cg_steps,
         [&](const NodeVectors& p, NodeVectors& Hp) { apply_hessian(residuals, p, Hp); },
         [&](const NodeVectors& r, NodeVectors& z) { metric.apply(r, z); });
-    const double slope = g.cwiseProduct(w).sum(), f = residuals.objective();
+    const double slope = flat_dot(g, w), f = residuals.objective();
 
     double t = 1.0;
     for (int k = 0;; ++k, t *= 0.5) {
@@ -74,13 +77,14 @@ inline IterationResult newton(const MeasurementGraph& graph, const Rotations& R,
         break;
       }
       parallel_for(graph.num_nodes(), num_threads, [&](Index i) {
-        next[i] = graph.row(i).size() == 0 ? q[i] : turned(q[i], t * w.row(i).transpose());
+        next[i] = q[i];
+        if (graph.row(i).size() > 0) next[i] = turned(q[i], t * row_of(w, i));
       });
       residuals.update(next);
       const double enough = f + sufficient * t * slope + objective_rounding(graph, f);
       if (residuals.objective() <= enough) break;
     }
-    step = t * std::sqrt(2.0 / 3.0 * w.squaredNorm() / graph.num_nodes());
+    step = t * std::sqrt(2.0 / 3.0 * flat_dot(w, w) / graph.num_nodes());
     std::swap(q, next);
   }
   return std::move(monitor).result(to_rotations(q, R));

@@ -51,9 +51,10 @@ class SemidefiniteRelaxation {
     S_.resize(Y_.rows(), 3);
     parallel_for(n, num_threads_, [&](Index j) {
       for (Index i = 0; i < n; ++i) {
-        block(i, j) = 0.5 * transposed_product(R[i], R[j]);
+        const Matrix3 product = transposed_product(R[i], R[j]);
+        for (int k = 0; k < 9; ++k) entry(i, j, k) = 0.5 * product(k);
       }
-      block(j, j).setIdentity();
+      for (int k = 0; k < 9; ++k) entry(j, j, k) = k % 4 == 0 ? 1.0 : 0.0;
     });
   }
 
@@ -72,8 +73,9 @@ class SemidefiniteRelaxation {
 
     Matrix3 M = Matrix3::Zero();  // W^T B W
     for (const HalfEdge& h : graph_.row(k)) {
-      const Matrix3 W_q = measured(h, k), S_q = S_.middleRows<3>(3 * Eigen::Index{h.node});
-      M += transposed_product(W_q, S_q);
+      Matrix3 S_q;
+      for (int a = 0; a < 9; ++a) S_q(a) = S_(3 * Eigen::Index{h.node} + a % 3, a / 3);
+      M += transposed_product(measured(h, k), S_q);
     }
     const Matrix3 root = inverse_root(symmetric_part(M));
     for (Eigen::Index row = 0; row < S_.rows(); ++row) {
@@ -83,12 +85,17 @@ class SemidefiniteRelaxation {
       }
     }
     const Eigen::Index at = 3 * Eigen::Index{k};
-    S_.middleRows<3>(at).setIdentity();
+    for (int a = 0; a < 9; ++a) S_(at + a % 3, a / 3) = a % 4 == 0 ? 1.0 : 0.0;
 
-    const double change = 2.0 * (S_ - Y_.middleCols<3>(at)).squaredNorm();
-    Y_.middleCols<3>(at) = S_;
-    Y_.middleRows<3>(at) = S_.transpose();
-    return change;
+    double change = 0.0;
+    for (int c = 0; c < 3; ++c) {
+      for (Eigen::Index row = 0; row < S_.rows(); ++row) {
+        const double difference = S_(row, c) - Y_(row, at + c);
+        change += difference * difference;
+        Y_(row, at + c) = Y_(at + c, row) = S_(row, c);
+      }
+    }
+    return 2.0 * change;
   }
 
   /// The objective of (6) on the scale of (3): 6 sum w - tr(Rt Y), which is f(R) at Y = R^T R. Edge
@@ -97,8 +104,9 @@ class SemidefiniteRelaxation {
     const auto& edges = graph_.edges();
     return block_sum<double>(graph_.num_edges(), num_threads_, [&](Index k) {
       const Edge& e = edges[k];
-      const Matrix3 Y_ij = block(e.i, e.j);
-      return e.weight * (6.0 - 2.0 * e.i_from_j.cwiseProduct(Y_ij).sum());
+      double trace = 0.0;
+      for (int a = 0; a < 9; ++a) trace += e.i_from_j(a) * entry(e.i, e.j, a);
+      return e.weight * (6.0 - 2.0 * trace);
     });
   }
 
@@ -106,7 +114,11 @@ class SemidefiniteRelaxation {
   Rotations rotations(const Components& components) const {
     Rotations R(static_cast<std::size_t>(graph_.num_nodes()));
     parallel_for(graph_.num_nodes(), num_threads_, [&](Index i) {
-      R[i] = nearest_rotation(block(components.root(components.label[i]), i));
+      Matrix3 block;
+      for (int a = 0; a < 9; ++a) {
+        block(a) = entry(components.root(components.label[i]), i, a);
+      }
+      R[i] = nearest_rotation(block);
     });
     return R;
   }
@@ -114,16 +126,19 @@ class SemidefiniteRelaxation {
   const Eigen::MatrixXd& matrix() const { return Y_; }
 
  private:
-  Eigen::Block<Eigen::MatrixXd, 3, 3> block(Index i, Index j) {
-    return Y_.block<3, 3>(3 * Eigen::Index{i}, 3 * Eigen::Index{j});
+  /// Entry a of the block Y_ij, column by column.
+  double& entry(Index i, Index j, int a) {
+    return Y_(3 * Eigen::Index{i} + a % 3, 3 * Eigen::Index{j} + a / 3);
   }
-  Eigen::Block<const Eigen::MatrixXd, 3, 3> block(Index i, Index j) const {
-    return Y_.block<3, 3>(3 * Eigen::Index{i}, 3 * Eigen::Index{j});
+  double entry(Index i, Index j, int a) const {
+    return Y_(3 * Eigen::Index{i} + a % 3, 3 * Eigen::Index{j} + a / 3);
   }
 
   /// Rt_qk / deg_k of a half-edge of node k: the scale of W does not matter.
   Matrix3 measured(const HalfEdge& h, Index k) const {
-    return weighted_rotation(h.node_from_l) / graph_.degree(k);
+    Matrix3 W = weighted_rotation(h.node_from_l);
+    W /= graph_.degree(k);
+    return W;
   }
 
   /// S = B W; its rows of node k are not used. A few rows at a time, which stay in the cache, and
@@ -133,11 +148,18 @@ class SemidefiniteRelaxation {
     const auto num_panels = static_cast<Index>((S_.rows() + panel - 1) / panel);
     parallel_for(num_panels, num_threads_, [&](Index p) {
       const Eigen::Index start = panel * p, rows = std::min(panel, S_.rows() - start);
-      auto S = S_.middleRows(start, rows);
-      S.setZero();
+      double* S[3];
+      for (int c = 0; c < 3; ++c) {
+        S[c] = S_.data() + c * S_.rows() + start;
+        std::fill(S[c], S[c] + rows, 0.0);
+      }
       for (const HalfEdge& h : graph_.row(k)) {
-        const auto Y_q = Y_.middleCols<3>(3 * Eigen::Index{h.node}).middleRows(start, rows);
-        S.noalias() += Y_q.lazyProduct(measured(h, k));
+        const Matrix3 W = measured(h, k);
+        const double* const Y = Y_.data() + 3 * Eigen::Index{h.node} * Y_.rows() + start;
+        for (Eigen::Index row = 0; row < rows; ++row) {
+          const double y_0 = Y[row], y_1 = Y[row + Y_.rows()], y_2 = Y[row + 2 * Y_.rows()];
+          for (int c = 0; c < 3; ++c) S[c][row] += y_0 * W(0, c) + y_1 * W(1, c) + y_2 * W(2, c);
+        }
       }
     });
   }
@@ -149,7 +171,8 @@ class SemidefiniteRelaxation {
     Matrix3 result = Matrix3::Zero();
     for (int k = 0; k < 3; ++k) {
       if (!(eigen.values(k) > rounding)) continue;
-      const Vector3 v = eigen.vectors.col(k) / std::sqrt(std::sqrt(eigen.values(k)));
+      Vector3 v(eigen.vectors(0, k), eigen.vectors(1, k), eigen.vectors(2, k));
+      v /= std::sqrt(std::sqrt(eigen.values(k)));
       result += outer_product(v, v);
     }
     return result;

@@ -84,13 +84,13 @@ class Staircase {
     Eigen::MatrixXd X = combinations(at_.Z, principal.vectors.rightCols<3>());
     double orientation = 0.0;  // the three dimensions may come as a reflection
     for (Index a = 0; a < problem_.num_nodes(); ++a) {
-      orientation += determinant(X.middleRows<3>(3 * a));
+      orientation += determinant(transposed_block(X, a));
     }
     if (orientation < 0.0) X.col(0) *= -1.0;
     Rotations R = R_;
     for (Index a = 0; a < problem_.num_nodes(); ++a) {
       const Index i = problem_.nodes()[a];
-      R[i] = nearest_rotation(X.middleRows<3>(3 * a).transpose()) * R_[i];  // R_i = Y_i = Z_i^T R_i
+      R[i] = product(nearest_rotation(transposed_block(X, a)), R_[i]);  // R_i = Y_i = Z_i^T R_i
     }
     return R;
   }

@@ -9,6 +9,7 @@
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/davenport.hpp>
 #include <rotavg/problem/objective.hpp>
+#include <rotavg/so3/loso_quaternion.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/solve/monitor.hpp>
 #include <rotavg/solve/options.hpp>
@@ -24,7 +25,9 @@ namespace detail {
 /// 4 (y^T K y - x^T K x) of unit vectors, without cancellation where they are close.
 inline double gain(const Matrix4& K, const Vector4& x, const Vector4& y) {
   const Vector4 d = x.dot(y) < 0.0 ? Vector4(y + x) : Vector4(y - x);
-  const Vector4 Ky = K * y, opposite = d - 2.0 * y;  // -(x + y), or its like
+  const Vector4 Ky = K * y;
+  Vector4 opposite = d;  // -(x + y), or its like
+  opposite -= 2.0 * y;
   const Vector4 K_opposite = K * opposite;
   return 4.0 * (y.dot(Ky) * d.dot(opposite) - d.dot(K_opposite));
 }
@@ -73,8 +76,11 @@ class SumStep {
         if (graph_.row(i).size() == 0) return detail::StepSums{};
         const Vector4 q_i = q[i].coeffs();
         const double mu_i = mu_ + theta_ * graph_.degree(i);
-        const Matrix4 K_i = at[i] + mu_i * q_i * q_i.transpose();  // (23)
-        next[i] = loso(K_i, q[i]);                                 // (24)
+        Matrix4 K_i = at[i];  // (23)
+        for (int c = 0; c < 4; ++c) {
+          for (int r = 0; r < 4; ++r) K_i(r, c) += (mu_i * q_i(r)) * q_i(c);
+        }
+        next[i] = loso(K_i, q[i]);  // (24)
         return detail::StepSums{detail::gain(K_i, q_i, next[i].coeffs()),
                                 std::pow(chordal_distance(q[i], next[i]), 2)};
       });

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <rotavg/linalg/flat.hpp>
+
 namespace rotavg {
 
 /// An approximate solution w of H w = -g by conjugate gradients (Steihaug 1983, without a radius).
@@ -18,20 +20,21 @@ class TruncatedCg {
     w_.setZero(g.rows(), g.cols());
     r_ = g;  // H w + g
     precondition(r_, z_);
-    p_ = -z_;
-    double rz = r_.cwiseProduct(z_).sum();
+    p_.setZero(g.rows(), g.cols());
+    flat_combine(0.0, p_, -1.0, z_);
+    double rz = flat_dot(r_, z_);
     const double enough = forcing * forcing * rz;
     for (int k = 0; k < max_steps; ++k) {
       apply_hessian(p_, Hp_);
-      const double curvature = p_.cwiseProduct(Hp_).sum();
+      const double curvature = flat_dot(p_, Hp_);
       if (!(curvature > 0.0)) return k == 0 ? p_ : w_;
       const double alpha = rz / curvature;
-      w_ += alpha * p_;
-      r_ += alpha * Hp_;
+      flat_combine(1.0, w_, alpha, p_);
+      flat_combine(1.0, r_, alpha, Hp_);
       precondition(r_, z_);
-      const double rz_next = r_.cwiseProduct(z_).sum();
+      const double rz_next = flat_dot(r_, z_);
       if (!(rz_next > enough)) break;
-      p_ = (rz_next / rz) * p_ - z_;
+      flat_combine(rz_next / rz, p_, -1.0, z_);
       rz = rz_next;
     }
     return w_;

@@ -105,9 +105,14 @@ class ComponentCovariances {
         }
         cross = columns.middleRows<3>(3 * b);
       }
-      const Matrix3 sum = marginal(a) + marginal(b) - cross - cross.transpose();
-      result[k] =
-          without_held_turn(pairs[k], scale_ * (symmetric_part(sum) - share_of_turns(pairs[k])));
+      Matrix3 sum = marginal(a);
+      sum += marginal(b);
+      sum -= cross;
+      sum -= transposed(cross);
+      Matrix3 covariance = symmetric_part(sum);
+      covariance -= share_of_turns(pairs[k]);
+      covariance *= scale_;
+      result[k] = without_held_turn(pairs[k], covariance);
     }
     return CovarianceStatus::computed;
   }
@@ -124,7 +129,7 @@ class ComponentCovariances {
     for (const FreeTurn& turn : options_.free_turns) {
       if (components_.label[turn.held] != elimination_.component()) continue;
       H[elimination_.pattern().start[row_of(turn.held)]] +=
-          stiffness(turn) * outer_product(turn.axis, turn.axis);
+          outer_product(stiffness(turn) * turn.axis, turn.axis);
     }
   }
   double stiffness(const FreeTurn& turn) const { return residuals_.graph().degree(turn.held); }
@@ -136,7 +141,7 @@ class ComponentCovariances {
       if (!seen_from_root && !(row_of(pair.node) < 0 && pair.base == turn.held)) continue;
       Matrix3 across = outer_product(-turn.axis, turn.axis);
       add_to_diagonal(across, 1.0);
-      return across * C * across;
+      return product(product(across, C), across);
     }
     return C;
   }
@@ -150,7 +155,7 @@ class ComponentCovariances {
     for (const Index k : {a, b}) {
       if (k < 0) continue;
       const FreeTurn& turn = options_.free_turns[k];
-      share += turn.axis * turn.axis.transpose() / stiffness(turn);
+      share += outer_product(turn.axis / stiffness(turn), turn.axis);
     }
     return share;
   }
