@@ -26,7 +26,7 @@ ROTAVG_INLINE Matrix3 nearest_rotation(const Matrix3& M);
 /// LOSO by the fast kernel: the minimiser of tr(A X) is the rotation nearest to -A^T.
 inline Matrix3 loso_fast(const Matrix3& A) {
   Matrix3 M;
-  for (int k = 0; k < 9; ++k) M(k) = -A(k % 3, k / 3);
+  for (int k = 0; k < 9; ++k) M(k) = -A(k / 3, k % 3);
   return nearest_rotation(M);
 }
 
