@@ -19,7 +19,7 @@ from rotavg.base.errors import FormatError
 from rotavg.graph.conventions import first_bad_quaternion
 from rotavg.graph.covariances import first_bad_covariance
 from rotavg.graph.ids import as_edges, as_ids, edge_error, unique_ids
-from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.measurement_graph import MeasurementGraph, Quaternions
 from rotavg.graph.translations import RelativeTranslations, first_not_positive_definite
 from rotavg.io import g2o_write
 from rotavg.io.absolute import (
@@ -138,7 +138,7 @@ def _graph(
     if dialect is G2O_3D:
         notes += quaternion_notes(path, turns, lines)
     told = table.shape[1] > dialect.num_pose
-    information = dialect.matrices(table[:, dialect.num_pose :]) if told else None
+    information = table[:, dialect.num_pose :] if told else None  # the values of it
     if not told:
         notes += ("the edges have no information: every edge weighs 1",)
     weights = np.ones(len(lines))
@@ -149,15 +149,15 @@ def _graph(
         if dialect is G2O_3D:
             covariances = _covariances(omega, weights)
     with blame_line(path, lines):
-        ids = as_edges(np.array(edges.ids, dtype=object).reshape(-1, 2))
+        ids = as_edges(edges.id_array().reshape(-1, 2))
         bad = first_bad_quaternion(turns) if dialect is G2O_3D else None
         if bad is not None:
             raise edge_error(ids, *bad)
         translations, further = _translations(dialect, poses, information)
-        nodes = unique_ids(as_ids([*edges.ids, *vertices.ids], "nodes"))
+        nodes = unique_ids(as_ids(np.append(edges.id_array(), vertices.id_array()), "nodes"))
         return MeasurementGraph(
             ids,
-            dialect.rotations(turns),
+            Quaternions(turns) if dialect is G2O_3D else dialect.rotations(turns),
             weights,
             nodes,
             translations=translations,

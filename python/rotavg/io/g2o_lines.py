@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rotavg.base.errors import FormatError
 from rotavg.graph.conventions import first_bad_quaternion
+from rotavg.graph.ids import IdArray
 from rotavg.io import bulk
 from rotavg.io.dialects import G2O_3D, Dialect
 from rotavg.io.lines import check_finite, number_table, shown
@@ -24,20 +25,25 @@ class Lines:
     Lines that were read at once have their numbers (m, k) as `table`, and no text.
     """
 
-    ids: list[int] = field(default_factory=list)
+    ids: Sequence[int] = field(default_factory=list)
     rows: list[bytes] = field(default_factory=list)
     lines: Sequence[int] = field(default_factory=list)
     table: NDArray[np.float64] | None = None
 
     def add(self, path: Path, line: int, fields: list[bytes], num_ids: int) -> None:
         """Keep a line: its tag, `num_ids` ids and the rest; FormatError for another."""
+        assert isinstance(self.ids, list)
+        assert isinstance(self.lines, list)
         self.ids += integers(path, line, fields[1 : 1 + num_ids])
         if len(fields) < 2 + num_ids:
             found = f"found only {len(fields) - 1} values after {shown(fields[0])}"
             raise FormatError(f"{found}, the line is truncated", path=path, line=line)
         self.rows.append(fields[-1])
-        assert isinstance(self.lines, list)
         self.lines.append(line)
+
+    def id_array(self) -> IdArray:
+        """All ids, in one row."""
+        return np.array(self.ids, dtype=object if isinstance(self.ids, list) else np.int64)
 
     def numbers(self, path: Path, columns: int) -> NDArray[np.float64]:
         """The numbers (m, columns) of the lines; FormatError that names one with others."""
@@ -61,7 +67,7 @@ def read_at_once(
     if found is None:
         return None
     tables, others = found
-    return [Lines(t.ids.ravel().tolist(), [], t.lines, t.numbers) for t in tables], others
+    return [Lines(t.ids.ravel().data, [], t.lines, t.numbers) for t in tables], others
 
 
 def integers(path: Path, line: int, fields: list[bytes]) -> list[int]:

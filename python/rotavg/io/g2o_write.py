@@ -223,7 +223,10 @@ def _edges(dialect: Dialect, graph: MeasurementGraph) -> bytes:
     m, moved = graph.num_edges, graph.translations
     vectors = np.zeros((m, 3)) if moved is None else moved.vectors
     certain = np.broadcast_to(np.eye(3), (m, 3, 3)) if moved is None else moved.information
-    poses = dialect.poses(vectors, graph.rotations)
+    if dialect is G2O_3D:
+        poses = np.hstack([vectors, graph.quaternions])
+    else:
+        poses = dialect.poses(vectors, graph.rotations)
     values = dialect.values(dialect.information(certain, graph.weights))
     numbers = np.hstack([poses, values])
     return bulk.write_rows(graph.edges, numbers, tag=dialect.edge.decode(), short_zeros=True)
@@ -251,7 +254,7 @@ def _reweighted(dialect: Dialect, text: bytes, weight: float) -> bytes:
     matrices = dialect.information(np.eye(3)[None], np.zeros(1))
     if fields[start:]:
         matrices = dialect.matrices(np.array(fields[start:], dtype=np.float64)[None])
-    now = float(kappa(dialect.rotation_information(matrices))[0])
+    now = float(kappa(dialect.rotation_information(dialect.values(matrices)))[0])
     if now > 0:
         turned = np.arange(matrices.shape[1]) >= dialect.dimension
         scale = np.where(turned, np.sqrt(weight / now), 1.0)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.base.errors import FormatError
-from rotavg.graph.conventions import matrices_from_quaternions, matrices_from_rotvecs
+from rotavg.graph.conventions import matrices_from_rotvecs
 from rotavg.graph.ids import IdArray
 from rotavg.io import bulk
 from rotavg.io.columns import EXPECTED, Layout, layout_of
@@ -61,15 +61,15 @@ class Table:
             return self.fields
         return ids_of(path, self.fields).reshape(len(self.lines), -1)
 
-    def matrices(self, path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-        """The rotations (m, 3, 3), and what to tell of them.
+    def rotations(self, path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+        """The rotations (m, 3, 3), or of quaternions these (m, 4), and what to tell of them.
 
-        Matrices are as they stand in the file, at most `rounding.MATRIX_TOLERANCE` off.
-        Raises FormatError for what is no rotation, but GraphError for a quaternion of zeros.
+        They are as they stand in the file, matrices at most `rounding.MATRIX_TOLERANCE` off.
+        Raises FormatError for what is no rotation, but for a quaternion of zeros.
         """
         if self.layout.kind == "quaternion":
             notes = quaternion_notes(path, self.numbers, self.lines)
-            return matrices_from_quaternions(self.numbers), notes
+            return self.numbers, notes
         if self.layout.kind == "matrix":
             matrices = self.numbers.reshape(-1, 3, 3)
             return matrices, matrix_notes(path, matrices, self.lines)

@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from rotavg.base.errors import FormatError
-from rotavg.graph.conventions import first_bad_quaternion, quaternions_from_matrices
+from rotavg.graph.conventions import first_bad_quaternion, matrices_from_quaternions
 from rotavg.graph.ids import as_edges, edge_error
-from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.measurement_graph import MeasurementGraph, Quaternions
 from rotavg.graph.nearest import TOLERANCE, nearest_rotation
 from rotavg.io import bulk
 from rotavg.io.absolute import QUATERNION, AbsoluteRotations, RotationReader, distinct, labels_of
@@ -63,14 +63,15 @@ def read_edges(
     )
     with blame_line(path, table.lines):
         ids = as_edges(table.ids(path))
-        if table.layout.kind == "quaternion" and (bad := first_bad_quaternion(table.numbers)):
+        quaternions = table.layout.kind == "quaternion"
+        if quaternions and (bad := first_bad_quaternion(table.numbers)):
             raise edge_error(ids, *bad)
-        matrices, notes = table.matrices(path)
+        rotations, notes = table.rotations(path)
         if table.layout.unread:
             notes += (f"columns not read: {', '.join(table.layout.unread)}",)
         return MeasurementGraph(
             ids,
-            matrices,
+            Quaternions(rotations) if quaternions else rotations,
             None if options.unit_weights else table.weights,
             **options.of_graph,
             notes=notes,
@@ -89,8 +90,7 @@ def write_rows(
     component: list[int] = []
     if isinstance(item, MeasurementGraph):
         title, header = "measurement graph", HEADER
-        quaternions = quaternions_from_matrices(item.rotations)
-        columns = np.column_stack([quaternions, item.weights])
+        columns = np.column_stack([item.quaternions, item.weights])
         ids, nodes = item.edges, item.nodes
     else:
         title, header = "rotations", SOLUTION_HEADER
@@ -141,10 +141,11 @@ def read_nodes(
     bad = first_bad_quaternion(table.numbers) if table.layout.kind == "quaternion" else None
     if bad is not None:
         raise FormatError(bad[1], path=path, line=table.lines[bad[0]])
-    matrices, notes = table.matrices(path)
+    rotations, notes = table.rotations(path)
+    quaternions = table.layout.kind == "quaternion"
     return AbsoluteRotations(
         distinct(path, table.ids(path).ravel(), table.lines),
-        matrices if table.layout.kind == "quaternion" else nearest_rotation(matrices),
+        matrices_from_quaternions(rotations) if quaternions else nearest_rotation(rotations),
         component=None if table.components is None else labels_of(table.components),
         notes=notes,
     )
