@@ -29,6 +29,7 @@ class Solver:
 
 _ROTAVG = "benchmarks.peers.rotavg_methods:Rotavg"
 _SHONAN = "benchmarks.peers.gtsam_shonan:Shonan"
+_STAIRCASE = "benchmarks.peers.gtsam_staircase:Staircase"
 _FAST_SYNC = "benchmarks.peers.gtsam_fast_sync:FastSync"
 _PAPER = "benchmarks.peers.numpy_paper:"
 
@@ -40,6 +41,11 @@ SOLVERS = (
     ),
     Solver("gtsam-shonan", _SHONAN, "random", "ShonanAveraging3 as it comes: a random start"),
     Solver("gtsam-shonan-tree", _SHONAN, "tree", "ShonanAveraging3 from the shortest paths"),
+    Solver(
+        "gtsam-staircase",
+        _STAIRCASE,
+        about="RiemannianStaircaseOptimizer of GTSAM 4.3, from the shortest paths",
+    ),
     Solver("gtsam-fastsync", _FAST_SYNC, "", "fastSyncRot3, a linear method"),
     Solver(
         "gtsam-fastsync-lm",

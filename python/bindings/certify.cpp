@@ -67,7 +67,7 @@ std::vector<double> residual_angles(const MeasurementGraph& graph, const rotavg:
   std::vector<double> angles;
   angles.reserve(graph.edges().size());
   for (const rotavg::Edge& e : graph.edges()) {
-    angles.push_back(rotavg::angle_between(R[e.i] * e.i_from_j, R[e.j]));
+    angles.push_back(rotavg::angle_between(R[e.i] * e.i_from_j(), R[e.j]));
   }
   return angles;
 }

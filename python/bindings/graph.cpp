@@ -1,4 +1,12 @@
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
 #include <memory>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Core>
 
 #include <rotavg/graph/algebraic_connectivity.hpp>
 #include <rotavg/graph/breadth_first.hpp>
@@ -16,34 +24,91 @@ namespace {
 using rotavg::Index;
 using rotavg::MeasurementGraph;
 
+using RowMajor = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+
+/// The graph of measurements in these arrays, read where they stand.
+/// @param rotations matrices (m, 3, 3), or quaternions xyzw (m, 4)
+/// @param inverted whether these are R_ji
 std::unique_ptr<MeasurementGraph> make_graph(Index num_nodes, const IndexArray& indices,
                                              const DoubleArray& rotations,
-                                             const DoubleArray& weights) {
-  const rotavg::Rotations i_from_j = to_rotations(rotations, "rotations");
-  const auto m = static_cast<py::ssize_t>(i_from_j.size());
-  if (indices.ndim() != 2 || indices.shape(0) != m || indices.shape(1) != 2 ||
-      weights.ndim() != 1 || weights.shape(0) != m) {
+                                             const DoubleArray& weights, bool inverted) {
+  const bool matrices = rotations.ndim() == 3 && rotations.shape(1) == 3 && rotations.shape(2) == 3;
+  const bool quaternions = rotations.ndim() == 2 && rotations.shape(1) == 4;
+  const py::ssize_t m = rotations.ndim() > 0 ? rotations.shape(0) : 0;
+  if (!(matrices || quaternions) || indices.ndim() != 2 || indices.shape(0) != m ||
+      indices.shape(1) != 2 || weights.ndim() != 1 || weights.shape(0) != m) {
     throw std::invalid_argument(
-        "indices (m, 2), rotations (m, 3, 3) and weights (m,) do not match");
+        "indices (m, 2), rotations (m, 3, 3) or (m, 4), and weights (m,) do not match");
   }
-  std::vector<rotavg::RelativeRotation> measurements(i_from_j.size());
-  const auto ends = indices.unchecked<2>();
-  const auto weight = weights.unchecked<1>();
-  for (py::ssize_t k = 0; k < m; ++k) {
-    measurements[static_cast<std::size_t>(k)] = {ends(k, 0), ends(k, 1),
-                                                 i_from_j[static_cast<std::size_t>(k)], weight(k)};
-  }
-  std::vector<rotavg::NodeId> nodes(static_cast<std::size_t>(num_nodes));
-  for (std::size_t k = 0; k < nodes.size(); ++k) nodes[k] = static_cast<rotavg::NodeId>(k);
+  const Index* const ends = indices.data();
+  const double *const rotation = rotations.data(), *const weight = weights.data();
+  const auto matrix = [=](std::size_t k) -> rotavg::RelativeRotation {
+    const Eigen::Map<const RowMajor> R(rotation + 9 * k);
+    rotavg::RelativeRotation result{ends[2 * k], ends[2 * k + 1], R, weight[k]};
+    if (inverted) result.i_from_j.transposeInPlace();
+    return result;
+  };
+  const auto quaternion = [=](std::size_t k) -> rotavg::RelativeQuaternion {
+    const double* const q = rotation + 4 * k;
+    const double sign = inverted ? -1.0 : 1.0;
+    return {ends[2 * k], ends[2 * k + 1], {q[3], sign * q[0], sign * q[1], sign * q[2]}, weight[k]};
+  };
   const py::gil_scoped_release release;
-  return std::make_unique<MeasurementGraph>(measurements, std::move(nodes));
+  std::vector<rotavg::NodeId> nodes(static_cast<std::size_t>(num_nodes));
+  std::iota(nodes.begin(), nodes.end(), rotavg::NodeId{0});
+  const auto count = static_cast<std::size_t>(m);
+  if (matrices) return std::make_unique<MeasurementGraph>(count, matrix, std::move(nodes));
+  return std::make_unique<MeasurementGraph>(count, quaternion, std::move(nodes));
+}
+
+/// What `write(edge, place)` writes of every edge, so many values each, as an array of this shape.
+template <typename T, typename Write>
+py::array_t<T> of_edges(const MeasurementGraph& graph, std::vector<py::ssize_t> rest,
+                        Write&& write) {
+  std::vector<py::ssize_t> shape{graph.num_edges()};
+  shape.insert(shape.end(), rest.begin(), rest.end());
+  py::array_t<T> result(std::move(shape));
+  T* place = result.mutable_data();
+  const py::ssize_t size = result.size() / std::max<py::ssize_t>(graph.num_edges(), 1);
+  const py::gil_scoped_release release;
+  for (const rotavg::Edge& e : graph.edges()) {
+    write(e, place);
+    place += size;
+  }
+  return result;
 }
 
 py::array_t<double> snapped_rotations(const MeasurementGraph& graph) {
-  rotavg::Rotations rotations;
-  rotations.reserve(graph.edges().size());
-  for (const rotavg::Edge& e : graph.edges()) rotations.push_back(e.i_from_j);
-  return from_rotations(rotations);
+  return of_edges<double>(graph, {3, 3}, [](const rotavg::Edge& e, double* place) {
+    Eigen::Map<RowMajor>{place} = e.i_from_j();
+  });
+}
+
+/// xyzw, of the two signs the one with w > 0, or else with the first other entry that is not zero.
+py::array_t<double> quaternions(const MeasurementGraph& graph) {
+  return of_edges<double>(graph, {4}, [](const rotavg::Edge& e, double* place) {
+    rotavg::WeightedQuaternion q = e.quaternion;
+    const double length = q.norm();
+    if (std::abs(length - 1.0) > 1e-15) q.coeffs() /= length;
+    double first = q.w();
+    for (int k = 0; k < 3 && first == 0.0; ++k) first = q.coeffs()[k];
+    const double sign = first < 0.0 ? -1.0 : 1.0;
+    for (int k = 0; k < 4; ++k) place[k] = sign * q.coeffs()[k] + 0.0;  // not -0
+  });
+}
+
+/// xyzw, as they are held.
+py::array_t<double> scaled_quaternions(const MeasurementGraph& graph) {
+  return of_edges<double>(graph, {4}, [](const rotavg::Edge& e, double* place) {
+    Eigen::Map<rotavg::Vector4>{place} = e.quaternion.coeffs();
+  });
+}
+
+py::array_t<Index> indices(const MeasurementGraph& graph) {
+  return of_edges<Index>(graph, {2}, [](const rotavg::Edge& e, Index* place) {
+    place[0] = e.i;
+    place[1] = e.j;
+  });
 }
 
 double connectivity(const MeasurementGraph& graph, Index component) {
@@ -80,10 +145,16 @@ void bind_graph(py::module_& m) {
 
   py::class_<MeasurementGraph>(m, "MeasurementGraph")
       .def(py::init(&make_graph), py::arg("num_nodes"), py::arg("indices"), py::arg("rotations"),
-           py::arg("weights"))
+           py::arg("weights"), py::arg("inverted") = false)
       .def_property_readonly("num_nodes", &MeasurementGraph::num_nodes)
       .def_property_readonly("num_edges", &MeasurementGraph::num_edges)
-      .def_property_readonly("rotations", &snapped_rotations);
+      .def_property_readonly("bytes", &MeasurementGraph::bytes)
+      .def_property_readonly("rotations", &snapped_rotations)
+      .def_property_readonly("quaternions", &quaternions)
+      .def_property_readonly("scaled_quaternions", &scaled_quaternions)
+      .def_property_readonly("indices", &indices)
+      .def_property_readonly(
+          "weights", [](const MeasurementGraph& graph) { return from_vector(graph.weights()); });
 
   m.def(
       "components",

@@ -153,7 +153,7 @@ TEST_CASE("one analysis serves matrices of every block size") {
       const auto values = elimination.assemble<3>(
           [&](Index i) -> Matrix3 { return 2.0 * graph.degree(i) * Matrix3::Identity(); },
           [&](Index edge) -> Matrix3 {
-            return -graph.edges()[edge].weight * graph.edges()[edge].i_from_j;
+            return -graph.edges()[edge].weight * graph.edges()[edge].i_from_j();
           });
       REQUIRE(blocks.factorize(values) == CholeskyOutcome::positive_definite);
       const MatrixXd x = test::normal_matrix(random, scalar.size(), 3);

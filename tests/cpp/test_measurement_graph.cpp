@@ -110,7 +110,7 @@ TEST_CASE("two measurements and their graph, block by block") {
   CHECK(graph.degree(2) == 0.5);
   CHECK(graph.total_weight() == 5.5);
   CHECK(graph.row(0).size() == 3);
-  CHECK(graph.row(0).begin()->edge() == 0);
+  CHECK((*graph.row(0).begin()).edge() == 0);
 }
 
 TEST_CASE("nodes may have any 64-bit ids, and stand in rising order unless one is given") {
@@ -189,12 +189,72 @@ TEST_CASE("a measurement rounded to four digits is snapped to a rotation, an exa
     const Matrix3 exact = random.rotation();
     const Matrix3 rounded = exact.unaryExpr([](double x) { return std::round(x * 1e4) / 1e4; });
     const MeasurementGraph graph({{0, 1, exact}, {0, 1, rounded}});
-    REQUIRE(graph.edges()[0].i_from_j == exact);
-    const Matrix3& snapped = graph.edges()[1].i_from_j;
+    REQUIRE((graph.edges()[0].i_from_j() - exact).norm() < 2e-15);
+    const Matrix3 snapped = graph.edges()[1].i_from_j();
     const double error = (snapped.transpose() * snapped - Matrix3::Identity()).norm();
     REQUIRE(error < 1e-14);
     REQUIRE((snapped - exact).norm() < 2e-4);
   }
+}
+
+TEST_CASE("a quaternion of any length is taken, and one of the right length keeps its bits") {
+  Random random;
+  INFO(random.replay());
+  for (int k = 0; k < 100; ++k) {
+    const Matrix3 R = random.rotation();
+    const double weight = std::exp(random.uniform(-9.0, 9.0));
+    WeightedQuaternion q(R);
+    q.coeffs() *= std::exp(random.uniform(-300.0, 300.0));
+    const auto graph_of = [&](const WeightedQuaternion& given) {
+      return MeasurementGraph(
+          1, [&](std::size_t) { return RelativeQuaternion{0, 1, given, weight}; }, {0, 1});
+    };
+    const MeasurementGraph graph = graph_of(q);
+    const Edge edge = graph.edges()[0];
+    REQUIRE((edge.i_from_j() - R).norm() < 3e-15);
+    REQUIRE(edge.weight == weight);
+    REQUIRE(std::abs(edge.quaternion.squaredNorm() / weight - 1.0) < 2e-15);
+    const MeasurementGraph again = graph_of(edge.quaternion);
+    REQUIRE(again.edges()[0].quaternion.coeffs() == edge.quaternion.coeffs());
+  }
+}
+
+TEST_CASE("bad quaternions are refused") {
+  const auto refused = [](const WeightedQuaternion& q, const char* reason) {
+    const auto make = [&] {
+      MeasurementGraph(2,
+                       [&](std::size_t k) {
+                         return RelativeQuaternion{0, 1, k ? q : WeightedQuaternion::Identity()};
+                       },
+                       {0, 1});
+    };
+    CHECK_THROWS_WITH_AS(make(), doctest::Contains(reason), InvalidEdge);
+  };
+  refused({0.0, 0.0, 0.0, 0.0}, "edge 1: the quaternion is zero");
+  refused({1.0, not_a_number, 0.0, 0.0}, "NaN or an infinity");
+  refused({infinity, 0.0, 0.0, 0.0}, "NaN or an infinity");
+}
+
+TEST_CASE("an edge takes 64 bytes") {
+  std::vector<RelativeRotation> measurements;
+  for (NodeId k = 0; k < 10'000; ++k) measurements.push_back({k % 100, 100 + k % 77});
+  const MeasurementGraph graph(measurements);
+  const double of_nodes = 24.0 * graph.num_nodes() + 8.0;
+  CHECK((static_cast<double>(graph.bytes()) - of_nodes) / graph.num_edges() <= 64.0);
+}
+
+TEST_CASE("ids that count up need no list, from wherever they do") {
+  constexpr NodeId lowest = std::numeric_limits<NodeId>::min();
+  constexpr NodeId highest = std::numeric_limits<NodeId>::max();
+  for (const NodeId first : {lowest, NodeId{-1}, NodeId{0}, NodeId{7}, highest - 2}) {
+    const NodeRows rows({first, first + 1, first + 2});
+    for (Index k = 0; k < 3; ++k) CHECK(rows.find(first + k) == k);
+    for (const NodeId other : {lowest, NodeId{-2}, NodeId{3}, NodeId{12}, highest}) {
+      if (other < first || other > first + 2) CHECK(rows.find(other) == -1);
+    }
+  }
+  CHECK(NodeRows({}).find(0) == -1);
+  CHECK(NodeRows({5, 4}).find(4) == 1);
 }
 
 TEST_CASE("components are the classes of nodes with a path between them") {

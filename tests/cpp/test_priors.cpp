@@ -201,7 +201,7 @@ TEST_CASE("robust losses take no notice of outliers where there are priors and r
   CHECK(largest < 0.02);
   for (std::size_t k = 0; k < wrong.size(); ++k) {
     const Edge& e = graph.edges()[k];
-    if (angle_between(truth[e.i] * e.i_from_j, truth[e.j]) > 0.2) {
+    if (angle_between(truth[e.i] * e.i_from_j(), truth[e.j]) > 0.2) {
       CHECK(is_outlier(solution.verdicts.edges[k]));
       CHECK(solution.edge_weights[k] < 0.05);
     }

@@ -72,8 +72,8 @@ TEST_CASE("A_l is the sum over the edges that leave and enter l, as (10) has it"
   for (Index l = 0; l < 8; ++l) {
     Matrix3 A = Matrix3::Zero();
     for (const Edge& e : graph.edges()) {
-      if (e.i == l) A -= e.weight * e.i_from_j * R[e.j].transpose();
-      if (e.j == l) A -= e.weight * e.i_from_j.transpose() * R[e.i].transpose();
+      if (e.i == l) A -= e.weight * e.i_from_j() * R[e.j].transpose();
+      if (e.j == l) A -= e.weight * e.i_from_j().transpose() * R[e.i].transpose();
     }
     CHECK((linear_cost(graph, R, l) - A).norm() < 1e-14 * A.norm());
   }

@@ -24,7 +24,7 @@ namespace {
 
 /// R_ab from an edge between nodes a and b.
 Matrix3 a_from_b(const Edge& e, Index a) {
-  return e.i == a ? e.i_from_j : Matrix3(e.i_from_j.transpose());
+  return e.i == a ? e.i_from_j() : Matrix3(e.i_from_j().transpose());
 }
 
 /// Between unit quaternions, from the angle t between the rotations: 2 sin(t / 4), squared.

@@ -88,7 +88,7 @@ TEST_CASE("the lifted objective is sum w |Y_i R_ij - Y_j|^2, and at [I 0] that o
     for (const Edge& e : lift.graph.edges()) {
       const Eigen::MatrixXd Y_i = Z.middleRows<3>(3 * e.i).transpose() * lift.R[e.i];
       const Eigen::MatrixXd Y_j = Z.middleRows<3>(3 * e.j).transpose() * lift.R[e.j];
-      expected += e.weight * (Y_i * e.i_from_j - Y_j).squaredNorm();
+      expected += e.weight * (Y_i * e.i_from_j() - Y_j).squaredNorm();
     }
     CHECK(lift.problem.evaluate(Z).objective == doctest::Approx(expected).epsilon(1e-12));
   }

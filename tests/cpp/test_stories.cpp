@@ -81,7 +81,7 @@ TEST_CASE("the maximum spanning tree has the largest weight of all trees") {
     double weight = 0.0;  // of the edges that the tree meets exactly
     Index met = 0;
     for (const Edge& e : graph.edges()) {
-      if ((R[e.i] * e.i_from_j - R[e.j]).norm() > 1e-9) continue;
+      if ((R[e.i] * e.i_from_j() - R[e.j]).norm() > 1e-9) continue;
       weight += e.weight;
       ++met;
     }

@@ -8,8 +8,10 @@ import pickle
 import numpy as np
 import pytest
 
+import rotavg
 from rotavg.base.errors import GraphError, MissingExtraError, require
 from rotavg.graph.conventions import matrices_from_quaternions
+from rotavg.graph.ids import rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 
 
@@ -200,3 +202,56 @@ def test_missing_extra_names_itself() -> None:
         require("rotavg_no_such_module", "images")
     assert isinstance(caught.value, ImportError)
     assert require("json", "x").dumps([1]) == "[1]"
+
+
+def test_an_edge_takes_64_bytes_and_arrays_are_made_when_asked_for() -> None:
+    graph = rotavg.simulate("complete", 60, noise=0.1, seed=1).graph
+    assert graph.num_bytes <= 64 * graph.num_edges + 24 * graph.num_nodes + 8
+    made = rotavg.MeasurementGraph(graph.edges, graph.rotations)
+    lazy = ("edges", "indices", "rotations", "quaternions", "weights")
+    assert not set(lazy) & made.__dict__.keys()
+    for name in lazy:
+        array = getattr(made, name)
+        assert getattr(made, name) is array
+        assert not array.flags.writeable
+    with pytest.raises(AttributeError):
+        made.rotations = made.rotations  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("convention", ["pose", "vision"])
+def test_quaternions_come_back_as_they_were_given(convention: str) -> None:
+    rng = np.random.default_rng(5)
+    q = rng.normal(size=(40, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    q *= np.sign(q[:, 3:])
+    edges = np.column_stack([np.arange(40), np.arange(1, 41)])
+    graph = rotavg.MeasurementGraph.from_quaternions(edges, q, convention=convention)
+    expected = q if convention == "pose" else q * [-1, -1, -1, 1]
+    np.testing.assert_array_equal(graph.quaternions, expected)
+    matrices = rotavg.MeasurementGraph(edges, graph.rotations)
+    np.testing.assert_allclose(matrices.quaternions, graph.quaternions, atol=1e-15)
+
+
+def test_what_is_made_of_a_graph_keeps_its_bits() -> None:
+    graph = rotavg.simulate("grid", 25, noise=0.1, seed=2).graph
+    graph = graph.with_weights(np.linspace(0.01, 30, graph.num_edges))
+    raw = graph._core.scaled_quaternions
+    copy = pickle.loads(pickle.dumps(graph))
+    np.testing.assert_array_equal(copy._core.scaled_quaternions, raw)
+    part = graph.subgraph(graph.nodes)
+    np.testing.assert_array_equal(part._core.scaled_quaternions, raw)
+
+
+@pytest.mark.parametrize("spread", [1, 3, 10_000])
+def test_ids_near_and_far_apart_find_their_rows(spread: int) -> None:
+    rng = np.random.default_rng(spread)
+    ids = (rng.permutation(200) - 50) * spread
+    edges = np.column_stack([ids, np.roll(ids, 1)])
+    graph = rotavg.MeasurementGraph(edges, np.broadcast_to(np.eye(3), (200, 3, 3)))
+    np.testing.assert_array_equal(graph.nodes, np.sort(ids))
+    np.testing.assert_array_equal(graph.edges, edges)
+    given = rotavg.MeasurementGraph(edges, np.broadcast_to(np.eye(3), (200, 3, 3)), nodes=ids)
+    np.testing.assert_array_equal(given.nodes[given.indices], edges)
+    far = np.array([np.iinfo(np.int64).min, np.iinfo(np.int64).max, 10**15, -(10**15)])
+    np.testing.assert_array_equal(rows_of(far, graph.nodes), -1)
+    np.testing.assert_array_equal(rows_of(ids, ids), np.arange(200))

@@ -12,10 +12,15 @@ from rotavg.base.errors import GraphError
 Array = TypeVar("Array", bound="NDArray[Any]")
 
 
-def as_floats(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
-    """Copy of `values` as C-order float64 of exactly this shape; GraphError says what is wrong."""
+def as_floats(
+    values: ArrayLike, shape: tuple[int, ...], what: str, *, copy: bool = True
+) -> NDArray[np.float64]:
+    """Copy of `values` as C-order float64 of exactly this shape; GraphError says what is wrong.
+
+    Without `copy`, an array that is in order is handed on as it is.
+    """
     try:
-        array = np.array(values, order="C")
+        array = np.array(values, order="C") if copy else np.asarray(values, order="C")
         if array.dtype.kind == "c":
             raise GraphError(f"{what} are complex, expected real numbers")
         array = array.astype(np.float64, copy=False)

@@ -25,11 +25,14 @@ def convert_family(rotations: NDArray[np.float64], convention: Convention) -> ND
     The same transpose does both directions, for absolute and for relative rotations alike.
     Raises GraphError on an unknown family.
     """
-    if convention == "pose":
-        return rotations
-    if convention == "vision":
-        return np.swapaxes(rotations, -1, -2)
-    raise GraphError(f"convention is {convention!r}, expected 'pose' or 'vision'")
+    check_family(convention)
+    return rotations if convention == "pose" else np.swapaxes(rotations, -1, -2)
+
+
+def check_family(convention: Convention) -> None:
+    """GraphError on an unknown family."""
+    if convention not in ("pose", "vision"):
+        raise GraphError(f"convention is {convention!r}, expected 'pose' or 'vision'")
 
 
 def xyzw_from_wxyz(quaternions: ArrayLike) -> NDArray[np.float64]:
@@ -118,11 +121,15 @@ def quaternions_from_matrices(rotations: ArrayLike) -> NDArray[np.float64]:
 
 def matrices_from_rotvecs(rotvecs: ArrayLike) -> NDArray[np.float64]:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3): axis times angle in radians."""
+    return matrices_from_quaternions(quaternions_from_rotvecs(rotvecs))
+
+
+def quaternions_from_rotvecs(rotvecs: ArrayLike) -> NDArray[np.float64]:
+    """Quaternions (..., 4), xyzw, of rotation vectors (..., 3): axis times angle in radians."""
     v = np.asarray(rotvecs, dtype=np.float64)
     angle = np.linalg.norm(v, axis=-1)
     half_sinc = 0.5 * np.sinc(angle / (2 * np.pi))  # sin(angle / 2) / angle
-    xyzw = np.concatenate([half_sinc[..., None] * v, np.cos(angle / 2)[..., None]], axis=-1)
-    return matrices_from_quaternions(xyzw)
+    return np.concatenate([half_sinc[..., None] * v, np.cos(angle / 2)[..., None]], axis=-1)
 
 
 def matrices_from_angles_about_z(angles: ArrayLike) -> NDArray[np.float64]:

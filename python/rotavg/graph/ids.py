@@ -14,11 +14,15 @@ IdArray = NDArray[Any]  # int64; uint64 where an id needs it; or fixed-width str
 _FLOAT_HOLDS_INTEGERS_TO = 2.0**53
 
 
-def as_ids(values: ArrayLike, what: str) -> IdArray:
+def as_ids(values: ArrayLike, what: str, *, copy: bool = True) -> IdArray:
     """Copy of `values` as an array of node ids of one kind; `what` names it in errors.
+
+    Without `copy`, an array that is in order is handed on as it is.
 
     Raises GraphError for anything else than integers of 64 bits or names, and for a mixture.
     """
+    if not copy and isinstance(values, np.ndarray) and values.dtype == np.int64:
+        return values
     try:
         ids = np.array(values)
         # Left alone, numpy makes floats of large integers and strings of a mixture.
@@ -50,17 +54,54 @@ def rows_of(ids: IdArray, nodes: IdArray) -> NDArray[np.int64]:
         return np.array(found, dtype=np.int64).reshape(ids.shape)
     if nodes.dtype != ids.dtype:  # int64 against uint64 would be compared as floats
         return rows_of(ids.astype(object).astype(str), nodes.astype(object).astype(str))
+    span = _span(nodes)
+    if span is not None:
+        return _rows_in_span(ids, nodes, *span)
     order = np.argsort(nodes, kind="stable")
     in_order = nodes[order]
     place = np.minimum(np.searchsorted(in_order, ids), len(nodes) - 1)
     return np.where(in_order[place] == ids, order[place], -1)
 
 
+def _rows_in_span(ids: IdArray, nodes: IdArray, low: int, size: int) -> NDArray[np.int64]:
+    """`rows_of` for nodes of which most from `low` on are there."""
+    rows: NDArray[np.int64] = ids - low
+    outside = rows.view(np.uint64) >= size
+    missing = bool(outside.any())
+    if missing:
+        rows[outside] = 0
+    if len(nodes) < size or (np.diff(nodes) != 1).any():
+        table = np.full(size, -1, dtype=np.int64)
+        table[nodes - low] = np.arange(len(nodes))
+        rows = table[rows]
+    if missing:
+        rows[outside] = -1
+    return rows
+
+
 def unique_ids(ids: IdArray) -> IdArray:
     """The distinct ids in ascending order, shape (n,)."""
     if ids.dtype.kind == "U":  # hashing beats sorting long strings
         return np.array(sorted(set(ids.ravel().tolist())))
-    return np.unique(ids)
+    span = _span(ids)
+    if span is None:
+        return np.unique(ids)
+    low, size = span
+    there = np.zeros(size, dtype=np.bool_)
+    there[ids - low] = True
+    return np.flatnonzero(there) + low
+
+
+def _span(ids: IdArray) -> tuple[int, int] | None:
+    """The least id, and how many there are up to the largest; None if most of those are not there.
+
+    A table of all of them then takes less time than sorting or searching.
+    """
+    if ids.dtype != np.int64 or ids.size == 0:
+        return None
+    low, high = int(ids.min()), int(ids.max())
+    size = high - low + 1
+    return (low, size) if size <= 4 * ids.size + 1024 else None
 
 
 def _from_objects(ids: NDArray[Any], what: str) -> IdArray:
@@ -89,8 +130,8 @@ def _from_floats(ids: NDArray[Any], what: str) -> IdArray:
 
 
 def as_edges(values: ArrayLike) -> IdArray:
-    """Copy of `values` as edges (m, 2) of node ids, m > 0; GraphError otherwise."""
-    edges = as_ids(values, "edges")
+    """Edges (m, 2) of node ids, m > 0, that are not to be changed; GraphError otherwise."""
+    edges = as_ids(values, "edges", copy=False)
     if edges.size == 0:
         raise GraphError("the graph has no edges, expected at least one")
     if edges.ndim != 2 or edges.shape[1] != 2:

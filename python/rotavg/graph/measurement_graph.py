@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +26,12 @@ class Source(Protocol):
     def select(self, edges: NDArray[np.bool_]) -> Source:
         """The source of the graph that keeps the edges (m,) marked True."""
         ...
+
+
+class Quaternions(NamedTuple):
+    """Relative rotations as Hamilton quaternions xyzw (m, 4), finite, of any length but zero."""
+
+    xyzw: NDArray[np.float64]
 
 
 class MeasurementGraph:
@@ -56,22 +63,17 @@ class MeasurementGraph:
 
     Attributes:
         nodes: (n,) ids.
-        edges: (m, 2) ids; m counts the edges that are used.
-        indices: (m, 2) int32, the edges as rows of `nodes`.
-        rotations: (m, 3, 3) i_from_j, pose family.
-        weights: (m,).
         covariances: (m, 3, 3), in the frame of j; or None.
         translations, source, notes: as given.
+
+    An edge takes 64 bytes: a quaternion, its ends, its weight. The arrays that are made of these,
+    `edges`, `indices`, `rotations`, `quaternions` and `weights`, are kept once they are asked for.
 
     Raises:
         GraphError: anything breaks these rules; its `edge` is the row of the edge to blame.
     """
 
     nodes: IdArray
-    edges: IdArray
-    indices: NDArray[np.int32]
-    rotations: NDArray[np.float64]
-    weights: NDArray[np.float64]
     covariances: NDArray[np.float64] | None
     translations: RelativeTranslations | None
     source: Source | None
@@ -80,7 +82,7 @@ class MeasurementGraph:
     def __init__(
         self,
         edges: ArrayLike,
-        rotations: ArrayLike,
+        rotations: ArrayLike | Quaternions,
         weights: ArrayLike | None = None,
         nodes: ArrayLike | None = None,
         *,
@@ -96,13 +98,18 @@ class MeasurementGraph:
         m = len(ids)
         self.nodes = read_only(unique_ids(ids) if nodes is None else as_nodes(nodes))
         rows = _indices(ids, self.nodes)
-        given = conventions.convert_family(as_floats(rotations, (m, 3, 3), "rotations"), convention)
+        conventions.check_family(convention)
+        inverted = convention == "vision"
+        if isinstance(rotations, Quaternions):
+            given = as_floats(rotations.xyzw, (m, 4), "quaternions", copy=False)
+        else:
+            given = as_floats(rotations, (m, 3, 3), "rotations", copy=False)
         spread = None if covariances is None else as_floats(covariances, (m, 3, 3), "covariances")
         if spread is not None and (bad := first_bad_covariance(spread)) is not None:
             raise edge_error(ids, *bad)
         if weights is None:
             weights = np.ones(m) if spread is None else isotropic_weights(spread)
-        given_weights = as_floats(weights, (m,), "weights")
+        given_weights = as_floats(weights, (m,), "weights", copy=False)
         if translations is not None and len(translations) != m:
             raise GraphError(f"there are {len(translations)} translations, expected {m}")
         used = given_weights != 0
@@ -114,22 +121,20 @@ class MeasurementGraph:
             spread = None if spread is None else spread[used]
             translations = None if translations is None else translations.select(used)
             source = None if source is None else source.select(used)
-        number = np.flatnonzero(used)  # of an edge as it was given
-        if tolerance > TOLERANCE:
-            given = projected(ids, given, number, tolerance)
+        if tolerance > TOLERANCE and given.ndim == 3:
+            given = conventions.convert_family(given, convention)
+            inverted = False
+            given = projected(ids, given, np.flatnonzero(used), tolerance)
         try:
             self._core = _core.MeasurementGraph(
-                len(self.nodes), rows, np.ascontiguousarray(given), given_weights
+                len(self.nodes), rows, given, given_weights, inverted
             )
         except _core.InvalidEdge as error:
             edge, reason = error.args
-            raise edge_error(ids, int(number[edge]), reason) from None
+            number = np.flatnonzero(used)[edge]  # of the edge as it was given
+            raise edge_error(ids, int(number), reason) from None
         except ValueError as error:
             raise GraphError(str(error)) from None
-        self.edges = read_only(ids if used.all() else ids[used])
-        self.indices = read_only(rows)
-        self.rotations = read_only(self._core.rotations)
-        self.weights = read_only(given_weights)
         if spread is not None and convention == "vision":
             spread = pose_family(spread, self.rotations)
         self.covariances = None if spread is None else read_only(spread)
@@ -145,6 +150,31 @@ class MeasurementGraph:
                 "with_weights()"
             )
         super().__setattr__(name, value)
+
+    @cached_property
+    def edges(self) -> IdArray:
+        """(m, 2) node ids; m counts the edges that are used."""
+        return read_only(self.nodes[self.indices])
+
+    @cached_property
+    def indices(self) -> NDArray[np.int32]:
+        """(m, 2) the edges as rows of `nodes`."""
+        return read_only(self._core.indices)
+
+    @cached_property
+    def rotations(self) -> NDArray[np.float64]:
+        """(m, 3, 3) i_from_j, pose family."""
+        return read_only(self._core.rotations)
+
+    @cached_property
+    def quaternions(self) -> NDArray[np.float64]:
+        """(m, 4) the same as xyzw, w >= 0."""
+        return read_only(self._core.quaternions)
+
+    @cached_property
+    def weights(self) -> NDArray[np.float64]:
+        """(m,)."""
+        return read_only(self._core.weights)
 
     @classmethod
     def from_quaternions(
@@ -165,12 +195,12 @@ class MeasurementGraph:
         if order not in ("xyzw", "wxyz"):
             raise GraphError(f"order is {order!r}, expected 'xyzw' or 'wxyz'")
         ids = as_edges(edges)
-        given = as_floats(quaternions, (len(ids), 4), "quaternions")
+        given = as_floats(quaternions, (len(ids), 4), "quaternions", copy=False)
         xyzw = given if order == "xyzw" else conventions.xyzw_from_wxyz(given)
         bad = conventions.first_bad_quaternion(xyzw)
         if bad is not None:
             raise edge_error(ids, *bad)
-        return cls(ids, conventions.matrices_from_quaternions(xyzw), weights, nodes, **options)
+        return cls(ids, Quaternions(xyzw), weights, nodes, **options)
 
     @classmethod
     def from_rotvecs(
@@ -183,13 +213,14 @@ class MeasurementGraph:
     ) -> MeasurementGraph:
         """Graph from relative rotations as rotation vectors (m, 3): axis times angle in radians."""
         ids = as_edges(edges)
-        given = as_floats(rotvecs, (len(ids), 3), "rotvecs")
+        given = as_floats(rotvecs, (len(ids), 3), "rotvecs", copy=False)
         finite = np.isfinite(given).all(axis=1)
         if not finite.all():
             k = int(np.argmin(finite))
             reason = f"the rotation vector is {given[k].tolist()}, expected finite numbers"
             raise edge_error(ids, k, reason)
-        return cls(ids, conventions.matrices_from_rotvecs(given), weights, nodes, **options)
+        xyzw = conventions.quaternions_from_rotvecs(given)
+        return cls(ids, Quaternions(xyzw), weights, nodes, **options)
 
     @classmethod
     def from_scipy(
@@ -201,7 +232,7 @@ class MeasurementGraph:
         **options: Any,
     ) -> MeasurementGraph:
         """Graph from a `scipy.spatial.transform.Rotation` of m relative rotations."""
-        return cls(edges, rotations.as_matrix(), weights, nodes, **options)
+        return cls.from_quaternions(edges, rotations.as_quat(), weights, nodes, **options)
 
     @classmethod
     def from_networkx(
@@ -240,7 +271,12 @@ class MeasurementGraph:
     @property
     def num_edges(self) -> int:
         """Number of edges, m."""
-        return len(self.edges)
+        return self._core.num_edges
+
+    @property
+    def num_bytes(self) -> int:
+        """Memory that the edges and nodes take, without the arrays made on request."""
+        return self._core.bytes
 
     def components(self) -> NDArray[np.int32]:
         """Label (n,) of each node's connected component, numbered by their first nodes."""
@@ -277,7 +313,7 @@ class MeasurementGraph:
             raise GraphError(f"no edge joins two of the {len(kept)} nodes of the subgraph")
         return MeasurementGraph(
             self.edges[edges],
-            self.rotations[edges],
+            Quaternions(self._core.scaled_quaternions[edges]),
             self.weights[edges],
             self.nodes[rows],
             covariances=None if self.covariances is None else self.covariances[edges],
@@ -288,10 +324,7 @@ class MeasurementGraph:
 
     def with_weights(self, weights: ArrayLike) -> MeasurementGraph:
         """The same graph with other weights (m,); without the edges whose weight is 0."""
-        return _rebuild(
-            self.edges, self.rotations, weights, self.nodes, self.covariances,
-            self.translations, self.source, self.notes,
-        )  # fmt: skip
+        return _rebuild(*self._parts(weights))
 
     def with_notes(self, *notes: str) -> MeasurementGraph:
         """The same graph with more for its user to know."""
@@ -303,15 +336,19 @@ class MeasurementGraph:
         return f"MeasurementGraph({self.num_nodes} nodes, {self.num_edges} edges)"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild, (
-            self.edges, self.rotations, self.weights, self.nodes, self.covariances,
+        return _rebuild, self._parts(self.weights)
+
+    def _parts(self, weights: ArrayLike) -> tuple[Any, ...]:
+        """What it is made of; quaternions of the length of their weights keep their bits."""
+        return (
+            self.edges, self._core.scaled_quaternions, weights, self.nodes, self.covariances,
             self.translations, self.source, self.notes,
         )  # fmt: skip
 
 
 def _rebuild(
     edges: IdArray,
-    rotations: NDArray[np.float64],
+    quaternions: NDArray[np.float64],
     weights: ArrayLike,
     nodes: IdArray,
     covariances: NDArray[np.float64] | None,
@@ -320,7 +357,7 @@ def _rebuild(
     notes: tuple[str, ...],
 ) -> MeasurementGraph:
     return MeasurementGraph(
-        edges, rotations, weights, nodes,
+        edges, Quaternions(quaternions), weights, nodes,
         covariances=covariances, translations=translations, source=source, notes=notes,
     )  # fmt: skip
 

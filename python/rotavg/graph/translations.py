@@ -28,7 +28,7 @@ class RelativeTranslations:
     information: NDArray[np.float64]
 
     def __init__(self, vectors: ArrayLike, information: ArrayLike | None = None) -> None:
-        m = len(np.atleast_1d(np.asarray(vectors, dtype=object)))
+        m = len(vectors) if isinstance(vectors, (np.ndarray, list, tuple)) else 1
         t = as_floats(vectors, (m, 3), "translations")
         if information is None:
             information = np.broadcast_to(np.eye(3), (m, 3, 3))

@@ -49,8 +49,8 @@ def read_csv_rotations(
 
 def write_csv(path: Path, item: Writable) -> bytes:
     """The content of a CSV file of a graph or a solution."""
-    _, rows = write_rows(path, item, ",", lambda name: _quoted(path, name))
-    return "\n".join([*rows, ""]).encode()
+    _, header, rows = write_rows(path, item, ",", lambda name: _quoted(path, name))
+    return f"{header}\n".encode() + rows
 
 
 def _rows(path: Path, data: bytes) -> Iterator[tuple[int, list[bytes]]]:

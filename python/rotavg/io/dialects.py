@@ -79,21 +79,28 @@ class Dialect:
         rows, columns = np.array(self.order).T
         return matrices[:, rows, columns]
 
-    def translation_information(self, matrices: Floats) -> Floats:
-        """(m, 3, 3) of information matrices; in the plane, z gets the mean of x and y."""
+    def _block(self, values: Floats, begin: int, end: int) -> Floats:
+        """Rows and columns from begin to end of the information matrices of the values."""
+        place = {pair: k for k, pair in enumerate(self.order)}
+        rows = range(begin, end)
+        return values[:, [[place[min(i, j), max(i, j)] for j in rows] for i in rows]]
+
+    def translation_information(self, values: Floats) -> Floats:
+        """(m, 3, 3) of the values on m lines; in the plane, z gets the mean of x and y."""
         d = self.dimension
-        block = matrices[:, :d, :d]
+        block = self._block(values, 0, d)
         if d == 3:
             return block
-        result = np.zeros((len(matrices), 3, 3))
+        result = np.zeros((len(values), 3, 3))
         result[:, :2, :2] = block
         result[:, 2, 2] = np.trace(block, axis1=1, axis2=2) / 2
         return result
 
-    def rotation_information(self, matrices: Floats) -> Floats:
-        """(m, 3, 3) of information matrices; in the plane, a multiple of the identity."""
+    def rotation_information(self, values: Floats) -> Floats:
+        """(m, 3, 3) of the values on m lines; in the plane, a multiple of the identity."""
         d = self.dimension
-        return matrices[:, d:, d:] * np.eye(3) if d == 2 else matrices[:, d:, d:]
+        block = self._block(values, d, 3 if d == 2 else 6)
+        return block * np.eye(3) if d == 2 else block
 
     def information(self, translation: Floats, weights: Floats) -> Floats:
         """Information matrices (m, d, d) of that of translations (m, 3, 3), and weights (m,)."""

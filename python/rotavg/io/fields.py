@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable
 from typing import Union
 
 from rotavg.io.columns import Layout, layout_of
-from rotavg.io.lines import BYTE_ORDER_MARK, is_number
+from rotavg.io.lines import is_number, lines_of
 
 Row = Union[bytes, "list[bytes]"]  # as it stands, or its fields
 Rows = Iterable["tuple[int, Row]"]  # with line numbers
@@ -34,7 +34,7 @@ def split(row: Row, counts: Collection[int], *, named: bool) -> list[bytes]:
 def title_words(data: bytes) -> list[str]:
     """The words of the comment just above the first line that is none; none where there is none."""
     words: list[str] = []
-    for text in data.removeprefix(BYTE_ORDER_MARK).splitlines():
+    for text in lines_of(data):
         text = text.strip()
         if text.startswith(b"#"):
             comment = text.lstrip(b"# \t").decode(errors="replace")

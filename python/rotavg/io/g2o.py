@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from rotavg.base.errors import FormatError
 from rotavg.graph.conventions import first_bad_quaternion
 from rotavg.graph.covariances import first_bad_covariance
 from rotavg.graph.ids import as_edges, as_ids, edge_error, unique_ids
-from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.measurement_graph import MeasurementGraph, Quaternions
 from rotavg.graph.translations import RelativeTranslations, first_not_positive_definite
 from rotavg.io import g2o_write
 from rotavg.io.absolute import (
@@ -28,13 +29,12 @@ from rotavg.io.absolute import (
     distinct,
 )
 from rotavg.io.dialects import DIALECTS, G2O_3D, Dialect
-from rotavg.io.g2o_lines import Lines, check_fixed, edge_table, integers
+from rotavg.io.g2o_lines import Lines, check_fixed, edge_table, integers, read_at_once
 from rotavg.io.lines import (
     BYTE_ORDER_MARK,
     check_finite,
     content_lines,
     is_number,
-    number_table,
     shown,
 )
 from rotavg.io.registry import Format, ReadOptions, blame_line
@@ -57,7 +57,16 @@ def read_g2o(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     vertices: dict[Dialect, Lines] = defaultdict(Lines)
     unknown: Counter[bytes] = Counter()
     fixed: dict[int, int] = {}
-    for line, text in content_lines(path, data):
+    kinds = [(d.edge, 2, d.num_pose + len(d.order)) for d in DIALECTS]
+    kinds += [(d.vertex, 1, d.num_pose) for d in DIALECTS]
+    found = read_at_once(data, kinds)
+    if found is None:
+        rest = content_lines(path, data)
+    else:
+        tables, rest = found[0], iter(found[1])
+        edges.update((d, t) for d, t in zip(DIALECTS, tables) if t.lines)
+        vertices.update((d, t) for d, t in zip(DIALECTS, tables[len(DIALECTS) :]) if t.lines)
+    for line, text in rest:
         fields = text.split(None, 3)
         tag = fields[0]
         if tag in _EDGES:
@@ -95,7 +104,7 @@ def read_vertices(path: Path, data: bytes) -> AbsoluteRotations:
     rotations = []
     notes: tuple[str, ...] = ()
     for dialect, found_here in vertices.items():
-        table = number_table(path, found_here.rows, found_here.lines, dialect.num_pose)
+        table = found_here.numbers(path, dialect.num_pose)
         turns = table[:, dialect.dimension :]
         check_finite(path, turns, found_here.lines)
         if dialect is G2O_3D:
@@ -120,7 +129,7 @@ def _graph(
     lines = edges.lines
     given = np.empty((0, dialect.num_pose))
     if vertices.lines:
-        given = number_table(path, vertices.rows, vertices.lines, dialect.num_pose)
+        given = vertices.numbers(path, dialect.num_pose)
     check_fixed(path, dialect, vertices, given, fixed)
     table = edge_table(path, dialect, edges, options.unit_weights)
     poses = table[:, : dialect.num_pose]
@@ -129,7 +138,7 @@ def _graph(
     if dialect is G2O_3D:
         notes += quaternion_notes(path, turns, lines)
     told = table.shape[1] > dialect.num_pose
-    information = dialect.matrices(table[:, dialect.num_pose :]) if told else None
+    information = table[:, dialect.num_pose :] if told else None  # the values of it
     if not told:
         notes += ("the edges have no information: every edge weighs 1",)
     weights = np.ones(len(lines))
@@ -140,15 +149,15 @@ def _graph(
         if dialect is G2O_3D:
             covariances = _covariances(omega, weights)
     with blame_line(path, lines):
-        ids = as_edges(np.array(edges.ids, dtype=object).reshape(-1, 2))
+        ids = as_edges(edges.id_array().reshape(-1, 2))
         bad = first_bad_quaternion(turns) if dialect is G2O_3D else None
         if bad is not None:
             raise edge_error(ids, *bad)
         translations, further = _translations(dialect, poses, information)
-        nodes = unique_ids(as_ids([*edges.ids, *vertices.ids], "nodes"))
+        nodes = unique_ids(as_ids(np.append(edges.id_array(), vertices.id_array()), "nodes"))
         return MeasurementGraph(
             ids,
-            dialect.rotations(turns),
+            Quaternions(turns) if dialect is G2O_3D else dialect.rotations(turns),
             weights,
             nodes,
             translations=translations,
@@ -198,7 +207,7 @@ def _translations(
     return RelativeTranslations(vectors, omega), ()
 
 
-def _weights(path: Path, omega: NDArray[np.float64], lines: list[int]) -> NDArray[np.float64]:
+def _weights(path: Path, omega: NDArray[np.float64], lines: Sequence[int]) -> NDArray[np.float64]:
     """What the information says of rotations; without any, 0: the edge is not used."""
     weights = np.where((omega == 0).all(axis=(1, 2)), 0.0, g2o_write.kappa(omega))
     bad = np.isnan(weights)

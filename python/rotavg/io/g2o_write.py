@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from rotavg.base.errors import FormatError, IncompleteWarning, MissingExtraError, SolverError
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.io import bulk
 from rotavg.io.dialects import G2O_2D, G2O_3D, TORO_2D, TORO_3D, Dialect
 from rotavg.io.gauge import in_gauge_of
 from rotavg.io.lines import exactly
@@ -109,8 +109,8 @@ def _write(path: Path, item: Writable, dialects: tuple[Dialect, Dialect]) -> byt
         translations = np.zeros((graph.num_nodes, 3)) if where is None else where
         poses = _numbers(path, dialect, translations, item.rotations)
         vertices = dict(zip(graph.nodes.tolist(), poses))
-    text = [_vertex(dialect, node, pose) for node, pose in vertices.items()]
-    return "".join(f"{line}\n" for line in [*text, *_edges(dialect, graph)]).encode()
+    text = [f"{_vertex(dialect, node, pose)}\n" for node, pose in vertices.items()]
+    return "".join(text).encode() + _edges(dialect, graph)
 
 
 def _put_back(path: Path, source: PoseFile, item: Writable, graph: MeasurementGraph) -> bytes:
@@ -219,15 +219,17 @@ def _vertex(dialect: Dialect, node: int, pose: Floats) -> str:
     return f"{dialect.vertex.decode()} {node} {' '.join(map(_short, pose.tolist()))}"
 
 
-def _edges(dialect: Dialect, graph: MeasurementGraph) -> Iterator[str]:
+def _edges(dialect: Dialect, graph: MeasurementGraph) -> bytes:
     m, moved = graph.num_edges, graph.translations
     vectors = np.zeros((m, 3)) if moved is None else moved.vectors
     certain = np.broadcast_to(np.eye(3), (m, 3, 3)) if moved is None else moved.information
-    poses = dialect.poses(vectors, graph.rotations)
+    if dialect is G2O_3D:
+        poses = np.hstack([vectors, graph.quaternions])
+    else:
+        poses = dialect.poses(vectors, graph.rotations)
     values = dialect.values(dialect.information(certain, graph.weights))
-    numbers = np.hstack([poses, values]).tolist()
-    for (i, j), row in zip(graph.edges.tolist(), numbers):
-        yield f"{dialect.edge.decode()} {i} {j} {' '.join(map(_short, row))}"
+    numbers = np.hstack([poses, values])
+    return bulk.write_rows(graph.edges, numbers, tag=dialect.edge.decode(), short_zeros=True)
 
 
 def _short(number: float) -> str:
@@ -252,7 +254,7 @@ def _reweighted(dialect: Dialect, text: bytes, weight: float) -> bytes:
     matrices = dialect.information(np.eye(3)[None], np.zeros(1))
     if fields[start:]:
         matrices = dialect.matrices(np.array(fields[start:], dtype=np.float64)[None])
-    now = float(kappa(dialect.rotation_information(matrices))[0])
+    now = float(kappa(dialect.rotation_information(dialect.values(matrices)))[0])
     if now > 0:
         turned = np.arange(matrices.shape[1]) >= dialect.dimension
         scale = np.where(turned, np.sqrt(weight / now), 1.0)

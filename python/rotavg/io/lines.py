@@ -13,6 +13,7 @@ from rotavg.base.errors import FormatError
 from rotavg.graph.ids import IdArray
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_BLOCK = 1 << 16
 _NOT_IN_A_NAME = re.compile(r"[\s,#]")
 
 
@@ -25,11 +26,20 @@ def content_lines(path: Path, data: bytes) -> Iterator[tuple[int, bytes]]:
     if zero >= 0:
         line = data.count(b"\n", 0, zero) + 1
         raise FormatError("the file is binary, expected lines of text", path=path, line=line)
-    for line, text in enumerate(data.removeprefix(BYTE_ORDER_MARK).splitlines(), start=1):
+    for line, text in enumerate(lines_of(data), start=1):
         if b"#" in text:
             text = text.partition(b"#")[0]
         if text and not text.isspace():
             yield line, text
+
+
+def lines_of(data: bytes) -> Iterator[bytes]:
+    """All lines, without a mark before the first; of a long text no more at once than needed."""
+    begin = len(BYTE_ORDER_MARK) if data.startswith(BYTE_ORDER_MARK) else 0
+    while begin < len(data):
+        end = data.find(b"\n", begin + _BLOCK) + 1 or len(data)
+        yield from data[begin:end].splitlines()
+        begin = end
 
 
 def number_table(

@@ -12,6 +12,7 @@ have the names in list.txt, or their ids where it is missing. There is no place 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +21,11 @@ from numpy.typing import NDArray
 from rotavg.base.errors import FileAccessError, FormatError
 from rotavg.graph.ids import IdArray
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.io import bulk
 from rotavg.io.lines import (
     BYTE_ORDER_MARK,
     check_finite,
     content_lines,
-    exactly,
     number_table,
     plain_name,
     shown,
@@ -34,11 +35,37 @@ from rotavg.io.rounding import MATRIX_TOLERANCE, matrix_notes
 
 # What Bundler's lists may have after a name, in which there may be blanks.
 _FOCAL = re.compile(rb"\s+0\s+[-+.0-9eE]+$")
+_Edges = tuple[IdArray, NDArray[np.float64], Sequence[int]]
 _EXPECTED = "expected i j, 9 numbers of R, 3 of t"
 
 
 def read_onedsfm(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     """Read EGs.txt and what there is of the two files beside it."""
+    edges, table, lines = _edges_at_once(data) or _edges(path, data)
+    kept, notes = _component(path, edges)
+    edges, matrices = edges[kept], table[kept].reshape(-1, 3, 3)
+    lines = np.array(lines)[kept].tolist()
+    with blame_line(path, lines):
+        return MeasurementGraph(
+            _named(path, edges),
+            matrices,
+            **options.of_graph,
+            notes=notes + matrix_notes(path, matrices, lines),
+            tolerance=MATRIX_TOLERANCE,
+        )
+
+
+def _edges_at_once(data: bytes) -> _Edges | None:
+    """Edges, the numbers of their rotations, and their lines, where every line is as usual."""
+    found = bulk.read_tagged(data, [(b"", bulk.INTEGER * 2 + bulk.NUMBER * 12)])
+    if found is None or not found[0][0].lines:
+        return None
+    table = found[0][0]
+    return table.ids, table.numbers[:, :9], table.lines
+
+
+def _edges(path: Path, data: bytes) -> _Edges:
+    """The same, line by line; FormatError that names the first that is no edge."""
     ids: list[int] = []
     rows: list[bytes] = []
     lines: list[int] = []
@@ -57,18 +84,7 @@ def read_onedsfm(path: Path, data: bytes, options: ReadOptions) -> MeasurementGr
         raise FormatError(f"the file has no edges, {_EXPECTED}", path=path)
     table = number_table(path, rows, lines, 12)[:, :9]
     check_finite(path, table, lines)
-    edges = np.array(ids, dtype=object).reshape(-1, 2)
-    kept, notes = _component(path, edges)
-    edges, matrices = edges[kept], table[kept].reshape(-1, 3, 3)
-    lines = np.array(lines)[kept].tolist()
-    with blame_line(path, lines):
-        return MeasurementGraph(
-            _named(path, edges),
-            matrices,
-            **options.of_graph,
-            notes=notes + matrix_notes(path, matrices, lines),
-            tolerance=MATRIX_TOLERANCE,
-        )
+    return np.array(ids, dtype=object).reshape(-1, 2), table, lines
 
 
 def write_onedsfm(path: Path, item: Writable) -> dict[Path, bytes]:
@@ -77,17 +93,16 @@ def write_onedsfm(path: Path, item: Writable) -> dict[Path, bytes]:
     graph = item
     named = graph.nodes.dtype.kind == "U"
     ids = graph.indices if named else graph.edges
-    lines = [
-        " ".join([str(i), str(j), *exactly(R.ravel()), "0 0 0"])
-        for (i, j), R in zip(ids.tolist(), graph.rotations)
-    ]
     nodes = range(graph.num_nodes) if named else graph.nodes.tolist()
-    files = {path: lines, path.with_name("cc.txt"): [str(node) for node in nodes]}
+    files = {"cc.txt": [str(node) for node in nodes]}
     if named:
-        files[path.with_name("list.txt")] = [
-            plain_name(path, name) for name in graph.nodes.tolist()
-        ]
-    return {file: "\n".join([*content, ""]).encode() for file, content in files.items()}
+        files["list.txt"] = [plain_name(path, name) for name in graph.nodes.tolist()]
+    edges = bulk.write_rows(
+        ids.astype(np.int64) if named else ids, graph.rotations.reshape(-1, 9), end=" 0 0 0"
+    )
+    return {path: edges} | {
+        path.with_name(name): "\n".join([*lines, ""]).encode() for name, lines in files.items()
+    }
 
 
 def _beside(path: Path, name: str) -> bytes | None:

@@ -216,7 +216,7 @@ def read_bytes(
     except OSError as error:
         reason = error.strerror or str(error)
         raise FileAccessError(f"cannot be read: {reason}", path=path) from error
-    if not data.strip():
+    if not data or data.isspace():
         raise FormatError(f"the file is empty, expected {expected}", path=path)
     return data
 

@@ -10,17 +10,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.base.errors import FormatError
-from rotavg.graph.conventions import matrices_from_quaternions, matrices_from_rotvecs
+from rotavg.graph.conventions import matrices_from_rotvecs
+from rotavg.graph.ids import IdArray
+from rotavg.io import bulk
 from rotavg.io.columns import EXPECTED, Layout, layout_of
 from rotavg.io.fields import Row, Rows, header_of, is_header, says_something, split, title_words
 from rotavg.io.lines import (
     check_finite,
     content_lines,
+    ids_of,
     is_number,
     number_table,
     shown,
@@ -37,7 +41,7 @@ class Table:
 
     Attributes:
         layout: which column is what.
-        ids: (m k) node ids, k for each row.
+        fields: (m k) the fields with node ids, k for each row, or these as an array (m, k).
         numbers: (m, ...) of the rotations; finite.
         weights: (m,); None without such a column.
         components: (m,) labels; None without such a column.
@@ -45,21 +49,27 @@ class Table:
     """
 
     layout: Layout
-    ids: list[bytes]
+    fields: list[bytes] | IdArray
     numbers: NDArray[np.float64]
     weights: NDArray[np.float64] | None
     components: list[bytes] | None
-    lines: list[int]
+    lines: Sequence[int]
 
-    def matrices(self, path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-        """The rotations (m, 3, 3), and what to tell of them.
+    def ids(self, path: Path) -> IdArray:
+        """Node ids (m, k); FormatError if they are neither integers nor UTF-8."""
+        if isinstance(self.fields, np.ndarray):
+            return self.fields
+        return ids_of(path, self.fields).reshape(len(self.lines), -1)
 
-        Matrices are as they stand in the file, at most `rounding.MATRIX_TOLERANCE` off.
-        Raises FormatError for what is no rotation, but GraphError for a quaternion of zeros.
+    def rotations(self, path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+        """The rotations (m, 3, 3), or of quaternions these (m, 4), and what to tell of them.
+
+        They are as they stand in the file, matrices at most `rounding.MATRIX_TOLERANCE` off.
+        Raises FormatError for what is no rotation, but for a quaternion of zeros.
         """
         if self.layout.kind == "quaternion":
             notes = quaternion_notes(path, self.numbers, self.lines)
-            return matrices_from_quaternions(self.numbers), notes
+            return self.numbers, notes
         if self.layout.kind == "matrix":
             matrices = self.numbers.reshape(-1, 3, 3)
             return matrices, matrix_notes(path, matrices, self.lines)
@@ -80,6 +90,7 @@ def read_table(
     num_ids: int,
     title: Sequence[str] = (),
     columns: Sequence[str] | None = None,
+    data: bytes | None = None,
 ) -> Table:
     """Read the table.
 
@@ -90,6 +101,7 @@ def read_table(
         num_ids: how many node ids a row has.
         title: the words in the comment just above the first row.
         columns: what the columns are, whatever the file says.
+        data: the whole content where these are its lines, so that it may be read at once.
 
     Raises FormatError, which names the line.
     """
@@ -118,6 +130,11 @@ def read_table(
                 layout, told = _by_title(row, title, num_ids)
             layout = layout or _usual(path, line, row, usual, num_ids, expected)
         assert layout is not None
+        if data is not None and isinstance(row, bytes):
+            table = _at_once(data, line, row, layout)
+            if table is not None:
+                return table
+            data = None
         if separated or isinstance(row, list):
             found_here = split(row, (len(layout.words),), named=told)
         else:
@@ -131,6 +148,36 @@ def read_table(
         raise FormatError(f"the file has no {what}, expected {expected}", path=path)
     assert layout is not None
     return _table(path, fields, lines, layout)
+
+
+def _at_once(data: bytes, line: int, row: bytes, layout: Layout) -> Table | None:
+    """The table whose first row this is; None where a line is not as most are."""
+    if layout.component is not None:
+        return None
+    kinds = [bulk.UNREAD] * len(layout.words)
+    for place in layout.ids:
+        kinds[place] = bulk.INTEGER
+    for place in layout.numbers:
+        kinds[place] = bulk.NUMBER
+    found = bulk.read_rows(data, line, row, "".join(kinds))
+    if found is None:
+        return None
+    numbers = _in_order(found.numbers, layout.numbers)
+    size = len(layout.rotation)
+    return Table(
+        layout=layout,
+        fields=_in_order(found.ids, layout.ids),
+        numbers=numbers[:, :size],
+        weights=numbers[:, size] if layout.weight is not None else None,
+        components=None,
+        lines=found.lines,
+    )
+
+
+def _in_order(columns: NDArray[Any], places: Sequence[int]) -> NDArray[Any]:
+    """The columns (m, k) found in rising order of their places, in the order of these."""
+    order = np.argsort(np.argsort(places))
+    return columns if (order == np.arange(len(places))).all() else columns[:, order]
 
 
 def w_first_columns(data: bytes, columns: Sequence[str] | None) -> str | None:
@@ -234,7 +281,7 @@ def _table(path: Path, fields: list[list[bytes]], lines: list[int], layout: Layo
     label = layout.component
     return Table(
         layout=layout,
-        ids=[row[place] for row in fields for place in layout.ids],
+        fields=[row[place] for row in fields for place in layout.ids],
         numbers=table[:, :size],
         weights=table[:, size] if layout.weight is not None else None,
         components=None if label is None else [row[label] for row in fields],

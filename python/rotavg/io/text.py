@@ -19,13 +19,14 @@ from pathlib import Path
 import numpy as np
 
 from rotavg.base.errors import FormatError
-from rotavg.graph.conventions import first_bad_quaternion, quaternions_from_matrices
+from rotavg.graph.conventions import first_bad_quaternion, matrices_from_quaternions
 from rotavg.graph.ids import as_edges, edge_error
-from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.measurement_graph import MeasurementGraph, Quaternions
 from rotavg.graph.nearest import TOLERANCE, nearest_rotation
+from rotavg.io import bulk
 from rotavg.io.absolute import QUATERNION, AbsoluteRotations, RotationReader, distinct, labels_of
 from rotavg.io.fields import Row, Rows, is_header, split, title_words
-from rotavg.io.lines import content_lines, exactly, ids_of, is_number, plain_name
+from rotavg.io.lines import content_lines, is_number, plain_name
 from rotavg.io.registry import (
     Format,
     ReadOptions,
@@ -44,29 +45,33 @@ _CONVENTION = "pose family: R_i R_ij = R_j, R_i = world_from_i, R_ij = i_from_j;
 
 def read_text(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     """Read edges from lines of text; every line has a weight or none has."""
-    return read_edges(path, data, content_lines(path, data), options)
+    return read_edges(path, data, None, options)
 
 
-def read_edges(path: Path, data: bytes, rows: Rows, options: ReadOptions) -> MeasurementGraph:
-    """Read edges from the rows of a table."""
+def read_edges(
+    path: Path, data: bytes, rows: Rows | None, options: ReadOptions
+) -> MeasurementGraph:
+    """Read edges from the rows of a table; without such, from the lines of the file."""
     table = read_table(
         path,
-        rows,
+        content_lines(path, data) if rows is None else rows,
         (HEADER[:6], HEADER),
         num_ids=2,
         title=title_words(data),
         columns=options.columns,
+        data=data if rows is None else None,
     )
     with blame_line(path, table.lines):
-        ids = as_edges(ids_of(path, table.ids).reshape(-1, 2))
-        if table.layout.kind == "quaternion" and (bad := first_bad_quaternion(table.numbers)):
+        ids = as_edges(table.ids(path))
+        quaternions = table.layout.kind == "quaternion"
+        if quaternions and (bad := first_bad_quaternion(table.numbers)):
             raise edge_error(ids, *bad)
-        matrices, notes = table.matrices(path)
+        rotations, notes = table.rotations(path)
         if table.layout.unread:
             notes += (f"columns not read: {', '.join(table.layout.unread)}",)
         return MeasurementGraph(
             ids,
-            matrices,
+            Quaternions(rotations) if quaternions else rotations,
             None if options.unit_weights else table.weights,
             **options.of_graph,
             notes=notes,
@@ -76,8 +81,8 @@ def read_edges(path: Path, data: bytes, rows: Rows, options: ReadOptions) -> Mea
 
 def write_rows(
     path: Path, item: Writable, separator: str, name: Callable[[str], str]
-) -> tuple[str, list[str]]:
-    """What it is, then header and one line per edge or, of a solution, per node.
+) -> tuple[str, str, bytes]:
+    """What it is, the header, and one line per edge or, of a solution, per node.
 
     `name` spells a name. Where a solution has several components, each node's stands in the end.
     """
@@ -85,8 +90,7 @@ def write_rows(
     component: list[int] = []
     if isinstance(item, MeasurementGraph):
         title, header = "measurement graph", HEADER
-        quaternions = quaternions_from_matrices(item.rotations)
-        columns = np.column_stack([quaternions, item.weights])
+        columns = np.column_stack([item.quaternions, item.weights])
         ids, nodes = item.edges, item.nodes
     else:
         title, header = "rotations", SOLUTION_HEADER
@@ -95,40 +99,53 @@ def write_rows(
         component = components_to_tell(item)
         if component:
             header += (COMPONENT,)
+    title = f"rotavg {title}, {_CONVENTION}"
+    if ids.dtype == np.int64 and not component:
+        return title, separator.join(header), bulk.write_rows(ids, columns, separator=separator)
     spell = {node: name(str(node)) for node in nodes.tolist()}
-    lines = [separator.join(header)]
-    for k, (row, numbers) in enumerate(zip(ids.tolist(), columns)):
+    nothing = np.empty((len(ids), 0), dtype=np.int64)
+    numbers = bulk.write_rows(nothing, columns, separator=separator).decode().splitlines()
+    lines = []
+    for k, (row, text) in enumerate(zip(ids.tolist(), numbers)):
         label = [str(component[k])] if component else []
-        lines.append(separator.join([*(spell[node] for node in row), *exactly(numbers), *label]))
-    return f"rotavg {title}, {_CONVENTION}", lines
+        lines.append(separator.join([*(spell[node] for node in row), text, *label]) + "\n")
+    return title, separator.join(header), "".join(lines).encode()
 
 
 def write_text(path: Path, item: Writable) -> bytes:
     """The content of a text file of a graph or a solution."""
-    title, (header, *rows) = write_rows(path, item, " ", lambda name: plain_name(path, name))
-    return "\n".join([f"# {title}", f"# {header}", *rows, ""]).encode()
+    title, header, rows = write_rows(path, item, " ", lambda name: plain_name(path, name))
+    return f"# {title}\n# {header}\n".encode() + rows
 
 
 def read_text_rotations(
     path: Path, data: bytes, columns: Sequence[str] | None = None
 ) -> AbsoluteRotations:
     """Read a solution."""
-    return read_nodes(path, data, content_lines(path, data), columns)
+    return read_nodes(path, data, None, columns)
 
 
 def read_nodes(
-    path: Path, data: bytes, rows: Rows, columns: Sequence[str] | None
+    path: Path, data: bytes, rows: Rows | None, columns: Sequence[str] | None
 ) -> AbsoluteRotations:
-    """Read absolute rotations from the rows of a table."""
-    title = title_words(data)
-    table = read_table(path, rows, (SOLUTION_HEADER,), num_ids=1, title=title, columns=columns)
+    """Read absolute rotations from the rows of a table; without such, from the lines."""
+    table = read_table(
+        path,
+        content_lines(path, data) if rows is None else rows,
+        (SOLUTION_HEADER,),
+        num_ids=1,
+        title=title_words(data),
+        columns=columns,
+        data=data if rows is None else None,
+    )
     bad = first_bad_quaternion(table.numbers) if table.layout.kind == "quaternion" else None
     if bad is not None:
         raise FormatError(bad[1], path=path, line=table.lines[bad[0]])
-    matrices, notes = table.matrices(path)
+    rotations, notes = table.rotations(path)
+    quaternions = table.layout.kind == "quaternion"
     return AbsoluteRotations(
-        distinct(path, ids_of(path, table.ids), table.lines),
-        matrices if table.layout.kind == "quaternion" else nearest_rotation(matrices),
+        distinct(path, table.ids(path).ravel(), table.lines),
+        matrices_from_quaternions(rotations) if quaternions else nearest_rotation(rotations),
         component=None if table.components is None else labels_of(table.components),
         notes=notes,
     )

@@ -12,8 +12,8 @@ inline Eigen::MatrixXd dense_measurements(const MeasurementGraph& graph) {
   const Eigen::Index size = 3 * graph.num_nodes();
   Eigen::MatrixXd Rt = Eigen::MatrixXd::Zero(size, size);
   for (const Edge& e : graph.edges()) {
-    Rt.block<3, 3>(3 * e.i, 3 * e.j) += e.weight * e.i_from_j;
-    Rt.block<3, 3>(3 * e.j, 3 * e.i) += e.weight * e.i_from_j.transpose();
+    Rt.block<3, 3>(3 * e.i, 3 * e.j) += e.weight * e.i_from_j();
+    Rt.block<3, 3>(3 * e.j, 3 * e.i) += e.weight * e.i_from_j().transpose();
   }
   return Rt;
 }

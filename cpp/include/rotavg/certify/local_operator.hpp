@@ -74,7 +74,10 @@ class LocalOperator {
       const Node& node = nodes_[a];
       Block sum = Block::Zero();
       const auto half_edges = S_.graph().row(S_.nodes()[a]);
-      for (const HalfEdge& h : half_edges) prefetch(&z[row[h.node]]);
+      for (const HalfEdge& h : half_edges) {
+        prefetch(&z[row[h.node]]);
+        prefetch(&S_.graph().quaternion_edges()[h.edge()]);
+      }
       for (const HalfEdge& h : half_edges) {
         add_product(MeasurementGraph::block(h), z[row[h.node]], sum);
       }

@@ -17,8 +17,8 @@ inline std::vector<bool> bridges(const MeasurementGraph& graph) {
   const auto n = static_cast<std::size_t>(graph.num_nodes());
   struct Visit {
     Index node;
-    Index edge;          // by which it was entered, -1 for a root
-    const HalfEdge* at;  // the next to look at
+    Index edge;              // by which it was entered, -1 for a root
+    HalfEdges::Iterator at;  // the next to look at
   };
   std::vector<bool> is_bridge(graph.edges().size(), false);
   std::vector<Index> order(n, -1), lowest(n, -1);
@@ -34,7 +34,8 @@ inline std::vector<bool> bridges(const MeasurementGraph& graph) {
     while (!stack.empty()) {
       Visit& visit = stack.back();
       if (visit.at != graph.row(visit.node).end()) {
-        const HalfEdge& h = *visit.at++;
+        const HalfEdge h = *visit.at;
+        ++visit.at;
         if (h.edge() == visit.edge) continue;
         if (order[h.node] < 0) {
           enter(h.node, h.edge());

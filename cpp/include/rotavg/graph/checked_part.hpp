@@ -27,7 +27,6 @@ class CheckedPart {
   CheckedPart(const MeasurementGraph& graph, std::vector<bool> left_out)
       : graph_(graph), series_(series_of(graph, left_out)), left_out_(std::move(left_out)) {
     std::vector<bool> joined(static_cast<std::size_t>(graph.num_nodes()), false);
-    std::vector<RelativeRotation> measurements;
     const bool forest = std::find_if(series_.label.begin(), series_.label.end(),
                                      [](Index s) { return s >= 0; }) == series_.label.end();
     for (Index k = 0; k < graph.num_edges(); ++k) {
@@ -43,11 +42,11 @@ class CheckedPart {
       ids.push_back(graph.nodes()[i]);
     }
     if (is_all()) return;
-    for (const Index k : edges_) {
-      const Edge& e = graph.edges()[k];
-      measurements.push_back({graph.nodes()[e.i], graph.nodes()[e.j], e.i_from_j, e.weight});
-    }
-    part_.emplace(measurements, std::move(ids));
+    const auto measurement = [&](std::size_t k) -> RelativeQuaternion {
+      const Edge e = graph.edges()[edges_[k]];
+      return {graph.nodes()[e.i], graph.nodes()[e.j], e.quaternion, e.weight};
+    };
+    part_.emplace(edges_.size(), measurement, std::move(ids));
   }
 
   CheckedPart(const CheckedPart&) = delete;
@@ -86,7 +85,7 @@ class CheckedPart {
       turn[node] = turn[parent];
       if (!is_bridge(edge)) continue;
       const Edge& e = graph_.edges()[edge];
-      const Matrix3 parent_from_node = e.i == parent ? e.i_from_j : e.i_from_j.transpose();
+      const Matrix3 parent_from_node = e.i == parent ? e.i_from_j() : e.i_from_j().transpose();
       turn[node] *= product_transposed(R[parent] * parent_from_node, R[node]);
     }
     for (std::size_t i = 0; i < R.size(); ++i) R[i] = turn[i] * R[i];

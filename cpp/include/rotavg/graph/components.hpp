@@ -59,17 +59,18 @@ inline Components connected_components(const MeasurementGraph& graph) {
 /// One component as a graph of its own, its nodes in the same order.
 inline MeasurementGraph component_graph(const MeasurementGraph& graph, const Components& components,
                                         Index component) {
-  std::vector<RelativeRotation> measurements;
+  std::vector<RelativeQuaternion> measurements;
   std::vector<NodeId> nodes;
   for (const Index i : components.nodes[component]) {
     nodes.push_back(graph.nodes()[i]);
     for (const HalfEdge& h : graph.row(i)) {
       if (!h.is_i()) continue;
-      const Edge& e = graph.edges()[h.edge()];
-      measurements.push_back({graph.nodes()[e.i], graph.nodes()[e.j], e.i_from_j, e.weight});
+      const Edge e = graph.edges()[h.edge()];
+      measurements.push_back({graph.nodes()[e.i], graph.nodes()[e.j], e.quaternion, e.weight});
     }
   }
-  return MeasurementGraph(measurements, std::move(nodes));
+  return MeasurementGraph(
+      measurements.size(), [&](std::size_t k) { return measurements[k]; }, std::move(nodes));
 }
 
 }  // namespace rotavg

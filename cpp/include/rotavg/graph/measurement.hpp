@@ -7,6 +7,7 @@
 #include <string>
 
 #include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/quaternion.hpp>
 #include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
@@ -18,6 +19,14 @@ struct RelativeRotation {
   NodeId j = 0;
   Matrix3 i_from_j = Matrix3::Identity();  ///< R_ij
   double weight = 1.0;  ///< w_ij, the inverse of the noise's variance up to a factor
+};
+
+/// The same with the rotation as a quaternion, of any length but zero.
+struct RelativeQuaternion {
+  NodeId i = 0;
+  NodeId j = 0;
+  WeightedQuaternion i_from_j = WeightedQuaternion::Identity();
+  double weight = 1.0;
 };
 
 /// An edge that no measurement graph can hold: which one (its place in the input) and why.
@@ -64,6 +73,11 @@ inline std::string six_digits(double value) {
   return text;
 }
 
+/// @throws InvalidEdge if measurement k joins a node to itself
+inline void check_ends(Index k, NodeId i, NodeId j) {
+  if (i == j) throw InvalidEdge(k, "it joins a node to itself; expected two different nodes");
+}
+
 /// @throws InvalidEdge if the weight of measurement k is out of bounds
 inline void check_weight(Index k, double weight) {
   if (weight >= min_weight && weight <= max_weight) return;
@@ -71,13 +85,13 @@ inline void check_weight(Index k, double weight) {
                            six_digits(min_weight) + " and " + six_digits(max_weight));
 }
 
-/// The rotation of measurement k, snapped to the nearest rotation if rounding has moved it off.
+/// The quaternion of measurement k, times the square root of its weight.
 /// @throws InvalidEdge if an end meets itself, an entry is not finite, the matrix is not a rotation
 ///         (by more than max_orthogonality_error), or the weight is out of bounds
-inline Matrix3 check_measurement(Index k, const RelativeRotation& m) {
+inline WeightedQuaternion check_measurement(Index k, const RelativeRotation& m) {
   const auto refuse = [k](const std::string& reason) { throw InvalidEdge(k, reason); };
 
-  if (m.i == m.j) refuse("it joins a node to itself; expected two different nodes");
+  check_ends(k, m.i, m.j);
   check_weight(k, m.weight);
   const Matrix3& R = m.i_from_j;
   if (!is_finite(R)) refuse("the rotation holds a NaN or an infinity");
@@ -90,7 +104,30 @@ inline Matrix3 check_measurement(Index k, const RelativeRotation& m) {
     refuse("the matrix is not a rotation: its determinant is " + six_digits(determinant(R)) +
            " (a reflection); expected +1");
   }
-  return error > negligible_orthogonality_error ? nearest_rotation(R) : R;
+  // Snapped to the nearest rotation if rounding has moved it off.
+  WeightedQuaternion q(error > negligible_orthogonality_error ? nearest_rotation(R) : R);
+  q.coeffs() *= std::sqrt(m.weight) / q.norm();
+  return q;
+}
+
+/// The same of a quaternion; one that has the right length already keeps its bits.
+/// @throws InvalidEdge if an end meets itself, an entry is not finite, all are zero, or the weight
+///         is out of bounds
+inline WeightedQuaternion check_measurement(Index k, const RelativeQuaternion& m) {
+  check_ends(k, m.i, m.j);
+  check_weight(k, m.weight);
+  WeightedQuaternion q = m.i_from_j;
+  double largest = 0.0;
+  for (int a = 0; a < 4; ++a) {
+    const double size = std::abs(q.coeffs()(a));
+    if (!std::isfinite(size)) throw InvalidEdge(k, "the quaternion holds a NaN or an infinity");
+    largest = std::max(largest, size);
+  }
+  if (largest == 0.0) throw InvalidEdge(k, "the quaternion is zero; expected one of length 1");
+  if (!(largest > 1e-120 && largest < 1e120)) q.coeffs() /= largest;  // no squares out of range
+  const double scale = std::sqrt(m.weight) / q.norm();
+  if (std::abs(scale - 1.0) > 1e-15) q.coeffs() *= scale;
+  return q;
 }
 
 }  // namespace rotavg

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include <rotavg/graph/edges.hpp>
 #include <rotavg/graph/measurement.hpp>
 #include <rotavg/graph/node_rows.hpp>
 #include <rotavg/so3/quaternion.hpp>
@@ -19,51 +20,12 @@
 
 namespace rotavg {
 
-/// A measurement with its ends as rows of the graph: R_i R_ij ~ R_j.
-struct Edge {
-  Index i = 0;
-  Index j = 0;
-  Matrix3 i_from_j = Matrix3::Identity();
-  double weight = 1.0;
-};
-
-/// An edge seen from one of its ends l, with the weight folded in: what the neighbour q says of l
-/// is R_l ~ R_q R_ql.
-struct HalfEdge {
-  WeightedQuaternion node_from_l;  ///< of R_ql
-  Index node;                      ///< q
-  Index edge_and_end;
-
-  Index edge() const { return edge_and_end / 2; }
-  /// Whether l is the end i of the edge, so that R_ql is the transpose of the measured R_ij.
-  bool is_i() const { return edge_and_end % 2 == 0; }
-};
-
-/// An edge as the inner loops read it: sqrt(w) times the quaternion of R_ij.
-struct QuaternionEdge {
-  WeightedQuaternion i_from_j;
-  Index i;
-  Index j;
-};
-
-/// The measurement graph: n nodes and m weighted relative rotations, held as a list of edges and,
-/// in quaternions, as the block rows of the paper's symmetric matrix Rt (4). Parallel edges,
-/// several components and nodes without edges are allowed. Immutable but for its weights.
+/// The measurement graph: n nodes and m weighted relative rotations, held as quaternions in a list
+/// of edges, with the list of every node's edges beside it: the block rows of the paper's symmetric
+/// matrix Rt (4). An edge takes 64 bytes. Parallel edges, several components and nodes without
+/// edges are allowed. Immutable but for its weights.
 class MeasurementGraph {
  public:
-  /// The block row of one node.
-  class Row {
-   public:
-    Row(const HalfEdge* begin, const HalfEdge* end) : begin_(begin), end_(end) {}
-    const HalfEdge* begin() const { return begin_; }
-    const HalfEdge* end() const { return end_; }
-    Index size() const { return static_cast<Index>(end_ - begin_); }
-
-   private:
-    const HalfEdge* begin_;
-    const HalfEdge* end_;
-  };
-
   /// A graph of the nodes that the measurements name, in rising order of their ids.
   /// @throws InvalidEdge for a measurement that check_measurement refuses
   /// @throws std::invalid_argument if there are no measurements
@@ -74,19 +36,31 @@ class MeasurementGraph {
   /// @throws InvalidEdge as above, and for an id that is not among the nodes
   /// @throws std::invalid_argument if a node stands twice or there are no measurements
   MeasurementGraph(const std::vector<RelativeRotation>& measurements, std::vector<NodeId> nodes)
+      : MeasurementGraph(
+            measurements.size(), [&](std::size_t k) { return measurements[k]; }, std::move(nodes)) {
+  }
+
+  /// The same of measurements that stand elsewhere.
+  /// @param measurement `measurement(k)`, k from 0 to count - 1, is a RelativeRotation or a
+  ///        RelativeQuaternion
+  template <typename Measurement>
+  MeasurementGraph(std::size_t count, Measurement&& measurement, std::vector<NodeId> nodes)
       : nodes_(std::move(nodes)) {
-    if (measurements.empty()) throw std::invalid_argument("the graph has no edges");
+    if (count == 0) throw std::invalid_argument("the graph has no edges");
     constexpr std::size_t largest = std::numeric_limits<Index>::max() / 2;
-    if (measurements.size() > largest || nodes_.size() > largest / 3) {
+    if (count > largest || nodes_.size() > largest / 3) {
       throw std::invalid_argument("the graph is too large: found " + std::to_string(nodes_.size()) +
-                                  " nodes and " + std::to_string(measurements.size()) + " edges");
+                                  " nodes and " + std::to_string(count) + " edges");
     }
     const NodeRows rows(nodes_);
-    edges_.reserve(measurements.size());
-    for (const RelativeRotation& m : measurements) {
-      const Index k = num_edges();
-      const Matrix3 i_from_j = check_measurement(k, m);
-      edges_.push_back({row_of(rows, m.i, k), row_of(rows, m.j, k), i_from_j, m.weight});
+    edges_.reserve(count);
+    weights_.reserve(count);
+    for (std::size_t k = 0; k < count; ++k) {
+      const auto m = measurement(k);
+      const Index edge = num_edges();
+      const WeightedQuaternion q = check_measurement(edge, m);
+      edges_.push_back({q, row_of(rows, m.i, edge), row_of(rows, m.j, edge)});
+      weights_.push_back(m.weight);
     }
     build_rows();
   }
@@ -94,15 +68,24 @@ class MeasurementGraph {
   Index num_nodes() const { return static_cast<Index>(nodes_.size()); }
   Index num_edges() const { return static_cast<Index>(edges_.size()); }
   const std::vector<NodeId>& nodes() const { return nodes_; }
-  const std::vector<Edge>& edges() const { return edges_; }
-  const std::vector<QuaternionEdge>& quaternion_edges() const { return quaternion_edges_; }
+  Edges edges() const { return {{edges_.data(), weights_.data()}, edges_.size()}; }
+  /// The edges as the inner loops read them.
+  const std::vector<QuaternionEdge>& quaternion_edges() const { return edges_; }
+  /// (m,) of the edges.
+  const std::vector<double>& weights() const { return weights_; }
 
   /// The block Rt_lq = w R_lq of a half-edge of node l.
   static Matrix3 block(const HalfEdge& h) { return weighted_rotation(h.node_from_l.conjugate()); }
 
   /// The blocks of node l's row of Rt, in the order of the edges.
-  Row row(Index l) const {
-    return {half_edges_.data() + row_start_[l], half_edges_.data() + row_start_[l + 1]};
+  HalfEdges row(Index l) const {
+    return {{ends_.data() + row_start_[l], edges_.data()}, row_start_[l + 1] - row_start_[l]};
+  }
+
+  /// Memory that the graph takes.
+  std::size_t bytes() const {
+    const auto of = [](const auto& values) { return values.capacity() * sizeof(values[0]); };
+    return of(nodes_) + of(edges_) + of(weights_) + of(row_start_) + of(ends_) + of(degree_);
   }
 
   /// Gives the edges other weights (m,), in place: what depends on nodes and ends alone stays.
@@ -115,16 +98,11 @@ class MeasurementGraph {
                                   ", one for each edge");
     }
     for (Index k = 0; k < num_edges(); ++k) check_weight(k, weights[k]);
-    for (Index k = 0; k < num_edges(); ++k) edges_[k].weight = weights[k];
+    weights_ = weights;
     sum_weights();
-    for (QuaternionEdge& e : quaternion_edges_) {
-      const auto k = static_cast<std::size_t>(&e - quaternion_edges_.data());
-      e.i_from_j.coeffs() *= std::sqrt(weights[k]) / e.i_from_j.norm();
-    }
-    for (HalfEdge& h : half_edges_) {
-      const WeightedQuaternion& i_from_j = quaternion_edges_[h.edge()].i_from_j;
-      h.node_from_l = i_from_j;
-      if (h.is_i()) h.node_from_l = i_from_j.conjugate();
+    for (Index k = 0; k < num_edges(); ++k) {
+      WeightedQuaternion& q = edges_[k].i_from_j;
+      q.coeffs() *= std::sqrt(weights[k]) / q.norm();
     }
   }
 
@@ -161,12 +139,13 @@ class MeasurementGraph {
     degree_.assign(nodes_.size(), 0.0);
     total_weight_ = max_weight_ = 0.0;
     min_weight_ = std::numeric_limits<double>::infinity();
-    for (const Edge& e : edges_) {
-      degree_[e.i] += e.weight;
-      degree_[e.j] += e.weight;
-      total_weight_ += e.weight;
-      min_weight_ = std::min(min_weight_, e.weight);
-      max_weight_ = std::max(max_weight_, e.weight);
+    for (std::size_t k = 0; k < edges_.size(); ++k) {
+      const double weight = weights_[k];
+      degree_[edges_[k].i] += weight;
+      degree_[edges_[k].j] += weight;
+      total_weight_ += weight;
+      min_weight_ = std::min(min_weight_, weight);
+      max_weight_ = std::max(max_weight_, weight);
     }
   }
 
@@ -174,42 +153,33 @@ class MeasurementGraph {
     const std::size_t n = nodes_.size();
     sum_weights();
     row_start_.assign(n + 1, 0);
-    for (const Edge& e : edges_) {
+    for (const QuaternionEdge& e : edges_) {
       ++row_start_[e.i + 1];
       ++row_start_[e.j + 1];
     }
     for (std::size_t k = 0; k < n; ++k) row_start_[k + 1] += row_start_[k];
 
-    half_edges_.resize(2 * edges_.size());
-    quaternion_edges_.reserve(edges_.size());
+    ends_.resize(2 * edges_.size());
     std::vector<std::size_t> next(row_start_.begin(), row_start_.end() - 1);
     for (Index edge = 0; edge < num_edges(); ++edge) {
-      const Edge& e = edges_[edge];
-      WeightedQuaternion q(e.i_from_j);
-      q.coeffs() *= std::sqrt(e.weight) / q.norm();
-      quaternion_edges_.push_back({q, e.i, e.j});
-      half_edges_[next[e.i]++] = {q.conjugate(), e.j, 2 * edge};
-      half_edges_[next[e.j]++] = {q, e.i, 2 * edge + 1};
+      const QuaternionEdge& e = edges_[edge];
+      ends_[next[e.i]++] = {e.j, 2 * edge};
+      ends_[next[e.j]++] = {e.i, 2 * edge + 1};
     }
   }
 
   std::vector<NodeId> nodes_;
-  std::vector<Edge> edges_;
-  std::vector<QuaternionEdge> quaternion_edges_;
+  std::vector<QuaternionEdge> edges_;
+  std::vector<double> weights_;
   std::vector<std::size_t> row_start_;
-  std::vector<HalfEdge> half_edges_;
+  std::vector<EdgeEnd> ends_;
   std::vector<double> degree_;
   double total_weight_ = 0.0, max_weight_ = 0.0;
   double min_weight_ = std::numeric_limits<double>::infinity();
 };
 
 /// (m,) the weights of the edges.
-inline std::vector<double> weights_of(const MeasurementGraph& graph) {
-  std::vector<double> weights;
-  weights.reserve(graph.edges().size());
-  for (const Edge& e : graph.edges()) weights.push_back(e.weight);
-  return weights;
-}
+inline std::vector<double> weights_of(const MeasurementGraph& graph) { return graph.weights(); }
 
 }  // namespace rotavg
 

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <algorithm>
+#include <cstddef>
+#include <cstdint>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -14,7 +16,11 @@ namespace rotavg {
 class NodeRows {
  public:
   /// @throws std::invalid_argument if an id stands twice
-  explicit NodeRows(const std::vector<NodeId>& nodes) {
+  explicit NodeRows(const std::vector<NodeId>& nodes)
+      : first_(nodes.empty() ? 0 : nodes.front()), count_(nodes.size()) {
+    std::size_t k = 0;
+    while (k < count_ && from_first(nodes[k]) == k) ++k;
+    if (k == count_) return;  // they count up: there is nothing to look for
     sorted_.reserve(nodes.size());
     for (const NodeId id : nodes) sorted_.emplace_back(id, static_cast<Index>(sorted_.size()));
     std::sort(sorted_.begin(), sorted_.end());
@@ -29,12 +35,23 @@ class NodeRows {
 
   /// The row of a node, or -1 if there is none of this id.
   Index find(NodeId id) const {
+    if (sorted_.empty()) {
+      const std::uint64_t row = from_first(id);
+      return row < count_ ? static_cast<Index>(row) : -1;
+    }
     const auto at = std::lower_bound(sorted_.begin(), sorted_.end(), std::make_pair(id, Index{0}));
     return at != sorted_.end() && at->first == id ? at->second : -1;
   }
 
  private:
-  std::vector<std::pair<NodeId, Index>> sorted_;
+  /// How far behind the first, in numbers that wrap around.
+  std::uint64_t from_first(NodeId id) const {
+    return static_cast<std::uint64_t>(id) - static_cast<std::uint64_t>(first_);
+  }
+
+  NodeId first_;
+  std::size_t count_;
+  std::vector<std::pair<NodeId, Index>> sorted_;  ///< empty where the ids count up
 };
 
 }  // namespace rotavg

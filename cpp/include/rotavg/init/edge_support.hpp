@@ -22,7 +22,8 @@ class Detours {
   explicit Detours(const MeasurementGraph& graph) {
     edges_.reserve(graph.edges().size());
     for (const Edge& e : graph.edges()) {
-      edges_.push_back({Quaternion(e.i_from_j), e.weight, e.i, e.j});
+      const WeightedQuaternion q = e.quaternion.normalized();
+      edges_.push_back({Quaternion(q.w(), q.x(), q.y(), q.z()), e.weight, e.i, e.j});
     }
     neighbours_.resize(static_cast<std::size_t>(graph.num_nodes()));
     for (Index l = 0; l < graph.num_nodes(); ++l) {

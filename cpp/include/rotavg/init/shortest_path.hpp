@@ -13,7 +13,7 @@ namespace rotavg {
 
 /// R_j at one end of an edge from R_i at the other: R_i R_ij, or R_i R_ji^T.
 inline Matrix3 along_edge(const Edge& e, const Matrix3& R_i, Index j) {
-  Matrix3 from_j = e.i_from_j;
+  Matrix3 from_j = e.i_from_j();
   if (e.j != j) from_j.transposeInPlace();
   // Through a quaternion of length one, so that rounding does not pile up along long paths.
   return renormalized(product(R_i, from_j));

@@ -65,7 +65,7 @@ inline Rotations join_pieces(const MeasurementGraph& graph, Rotations R, std::ve
   for (const Edge& e : graph.edges()) {
     if (piece[e.i] == piece[e.j]) continue;
     between.push_back(
-        {piece[e.i], piece[e.j], product_transposed(R[e.i] * e.i_from_j, R[e.j]), e.weight});
+        {piece[e.i], piece[e.j], product_transposed(R[e.i] * e.i_from_j(), R[e.j]), e.weight});
   }
   if (between.empty()) return R;
   std::vector<NodeId> pieces(nodes.size());

@@ -17,6 +17,18 @@
 
 namespace rotavg {
 
+namespace detail {
+
+inline void prefetch(const void* address) {
+#if defined(__GNUC__)
+  __builtin_prefetch(address);
+#else
+  (void)address;
+#endif
+}
+
+}  // namespace detail
+
 /// A sum of p p^T over products p = q b of quaternions, four numbers in a register: the inner loop
 /// of all sweeps.
 class DavenportSum {
@@ -51,6 +63,18 @@ inline Matrix4 davenport_matrix(const MeasurementGraph& graph, const Quaternions
   DavenportSum K;
   for (const HalfEdge& h : graph.row(l)) K.add(q[h.node], h.node_from_l);  // R_l ~ R_q R_ql
   return K.matrix();
+}
+
+/// Asks the memory for what K_l will be made of, which on large graphs lies far apart.
+inline void prefetch_row(const MeasurementGraph& graph, const Quaternions& q, Index l) {
+  constexpr Index in_the_cache = 50'000;  // edges
+  if (graph.num_edges() < in_the_cache) return;
+  for (const HalfEdge& h : graph.row(l)) {
+    const double* const edge = graph.quaternion_edges()[h.edge()].i_from_j.coeffs().data();
+    detail::prefetch(edge);
+    detail::prefetch(edge + 3);  // it may reach into the next line
+    detail::prefetch(&q[h.node]);
+  }
 }
 
 /// K_l of all nodes, with the objective and the gradient, in one pass over the measurements.

@@ -95,7 +95,7 @@ class ReducedGraph {
     for (const Index k : kept_) {
       const Edge& e = given_->edges()[k];
       result.push_back({riding_.variable[e.i], riding_.variable[e.j],
-                        riding_.between(e.i, e.i_from_j, e.j), e.weight});
+                        riding_.between(e.i, e.i_from_j(), e.j), e.weight});
     }
     result.insert(result.end(), others.begin(), others.end());
     return result;

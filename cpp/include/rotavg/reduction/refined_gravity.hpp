@@ -74,7 +74,7 @@ inline std::vector<Vector3> refined_gravity(const MeasurementGraph& graph,
       for (const HalfEdge& h : graph.row(i)) {
         if (down[h.node].isZero(0.0)) continue;
         const Edge& e = graph.edges()[h.edge()];
-        const Matrix3 i_from_node = h.is_i() ? e.i_from_j : Matrix3(e.i_from_j.transpose());
+        const Matrix3 i_from_node = h.is_i() ? e.i_from_j() : Matrix3(e.i_from_j().transpose());
         directions.push_back(i_from_node * down[h.node]);
         weights.push_back(e.weight);
         heaviest = std::max(heaviest, e.weight);

@@ -71,25 +71,29 @@ class Neighbourhoods {
   void visit_triangles(Index stride, Visit&& visit) const {
     constexpr Index nodes_between_questions = 64;
     const MeasurementGraph& graph = *graph_;
-    std::vector<const HalfEdge*> to(graph.num_nodes(), nullptr);
+    std::vector<Index> to(graph.num_nodes(), -1);  // the place of the half-edge in the row of k
     for (Index k = 0, asked = 0; k < graph.num_nodes(); k += stride) {
       if (++asked % nodes_between_questions == 0 && !keep_going_()) return;
-      for (const HalfEdge& h : graph.row(k)) to[h.node] = &h;
-      for (const HalfEdge& ik : graph.row(k)) {
+      const HalfEdges row = graph.row(k);
+      const Index degree = row.size();
+      for (Index a = 0; a < degree; ++a) to[row[a].node] = a;
+      for (Index a = 0; a < degree; ++a) {
+        const HalfEdge ik = row[a];
         const Index i = ik.node;
-        if (to[i] != &ik || i == k) continue;
+        if (to[i] != a || i == k) continue;
         for (const HalfEdge& ij : graph.row(i)) {
           const Index j = ij.node;
-          if (j <= i || j == k || to[j] == nullptr) continue;
+          if (j <= i || j == k || to[j] < 0) continue;
+          const HalfEdge jk = row[to[j]];
           // j_from_i against j_from_k k_from_i, which have the square roots of weights for norms
-          const Vector4 detour = product(to[j]->node_from_l, ik.node_from_l.conjugate());
+          const Vector4 detour = product(jk.node_from_l, ik.node_from_l.conjugate());
           const double cosine = detour.dot(ij.node_from_l.coeffs());
           const double norm2 = detour.squaredNorm() * ij.node_from_l.squaredNorm();
-          visit(ij.edge(), ik.edge(), to[j]->edge(),
+          visit(ij.edge(), ik.edge(), jk.edge(),
                 4.0 * std::max(0.0, 1.0 - cosine * cosine / norm2));
         }
       }
-      for (const HalfEdge& h : graph.row(k)) to[h.node] = nullptr;
+      for (const HalfEdge& h : row) to[h.node] = -1;
     }
   }
 

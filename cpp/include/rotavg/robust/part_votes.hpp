@@ -94,7 +94,7 @@ inline Index take_part_votes(const MeasurementGraph& graph, const std::vector<do
     const Edge& e = graph.edges()[k];
     Index i = part[e.i], j = part[e.j];
     if (!left_out[k] || i == j || !(units(k) > 0.0)) continue;
-    const Matrix3 of_j = R[e.i] * e.i_from_j * R[e.j].transpose();
+    const Matrix3 of_j = R[e.i] * e.i_from_j() * R[e.j].transpose();
     const double most2 = threshold2 / units(k);
     std::vector<std::pair<Index, bool>> path;
     while (i != j && i >= 0 && j >= 0) {

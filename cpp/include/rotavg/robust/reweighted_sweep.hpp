@@ -3,6 +3,7 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/problem/davenport.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/so3/lanes.hpp>
@@ -82,6 +83,7 @@ inline void reweighted_sweep(const MeasurementGraph& graph, const RobustLoss& lo
                              const Monitor& monitor) {
   constexpr Index nodes_between_questions = 4096;
   for (Index l = 0; l < graph.num_nodes(); ++l) {
+    if (l + 1 < graph.num_nodes()) prefetch_row(graph, q, l + 1);
     if (graph.row(l).size() == 0) continue;
     ReweightedDavenportSum K(q[l], loss);
     for (const HalfEdge& h : graph.row(l)) {

@@ -37,7 +37,7 @@ namespace detail {
 
 /// r_ij = log(R_ij^T R_i^T R_j).
 inline Vector3 anisotropic_residual(const Edge& e, const Rotations& R) {
-  return log_so3(transposed_product(product(R[e.i], e.i_from_j), R[e.j]));
+  return log_so3(transposed_product(product(R[e.i], e.i_from_j()), R[e.j]));
 }
 
 /// F and what Gauss and Newton need of it at some rotations.

@@ -30,6 +30,7 @@ inline double bcd_sweep(const MeasurementGraph& graph, Quaternions& q, const Mon
   double step = 0.0;
   for (Index k = 0; k < n; ++k) {
     const Index l = order == SweepOrder::rising ? k : n - 1 - k;
+    if (k + 1 < n) prefetch_row(graph, q, order == SweepOrder::rising ? l + 1 : l - 1);
     if (graph.row(l).size() == 0) continue;             // any rotation is optimal
     const Matrix4 K_l = davenport_matrix(graph, q, l);  // (10)
     const Quaternion q_l = loso(K_l, q[l]);             // (11), Algorithm 1

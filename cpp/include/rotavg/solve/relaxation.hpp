@@ -104,8 +104,9 @@ class SemidefiniteRelaxation {
     const auto& edges = graph_.edges();
     return block_sum<double>(graph_.num_edges(), num_threads_, [&](Index k) {
       const Edge& e = edges[k];
+      const Matrix3 i_from_j = e.i_from_j();
       double trace = 0.0;
-      for (int a = 0; a < 9; ++a) trace += e.i_from_j(a) * entry(e.i, e.j, a);
+      for (int a = 0; a < 9; ++a) trace += i_from_j(a) * entry(e.i, e.j, a);
       return e.weight * (6.0 - 2.0 * trace);
     });
   }

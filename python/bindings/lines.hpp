@@ -1,0 +1,138 @@
+#pragma once
+
+// Lines of text in memory: where they begin, and what stands between blanks and separators in them.
+// Nothing here knows Python, files, or what the numbers mean.
+
+#include <algorithm>
+#include <charconv>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <system_error>
+#include <vector>
+
+namespace rotavg_python {
+
+/// Part of the text: whole lines.
+struct Lines {
+  const char* begin;
+  const char* end;
+  std::int64_t first;  ///< number of the first line
+};
+
+/// Where line number `line` (from 1) begins: behind so many \n.
+inline const char* begin_of_line(const char* begin, const char* end, std::int64_t line) {
+  while (--line > 0 && begin < end) {
+    const void* const feed = std::memchr(begin, '\n', static_cast<std::size_t>(end - begin));
+    begin = feed == nullptr ? end : static_cast<const char*>(feed) + 1;
+  }
+  return begin;
+}
+
+/// The text in parts of about `size` bytes; the line numbers are not yet in them.
+inline std::vector<Lines> parts_of(const char* begin, const char* end, std::ptrdiff_t size) {
+  std::vector<Lines> parts;
+  while (begin < end) {
+    const char* stop = end - begin > size ? begin + size : end;
+    if (stop < end) stop = begin_of_line(stop, end, 2);
+    parts.push_back({begin, stop, 0});
+    begin = stop;
+  }
+  return parts;
+}
+
+/// Number of lines; -1 where a zero or a \r that stands alone make it doubtful.
+inline std::int64_t count_lines(const Lines& text) {
+  const auto size = static_cast<std::size_t>(text.end - text.begin);
+  if (std::memchr(text.begin, '\0', size) != nullptr) return -1;
+  const char* at = text.begin;
+  while ((at = static_cast<const char*>(
+              std::memchr(at, '\r', static_cast<std::size_t>(text.end - at)))) != nullptr) {
+    if (++at == text.end || *at != '\n') return -1;
+  }
+  return std::count(text.begin, text.end, '\n');
+}
+
+inline bool is_blank(char c) {
+  return c == ' ' || c == '\t' || c == '\r' || c == '\v' || c == '\f';
+}
+
+/// What a line holds, field by field.
+class Fields {
+ public:
+  /// @param separator between fields; a blank for any number of blanks
+  Fields(const char* begin, const char* end, char separator)
+      : at_(begin), end_(end), separator_(separator) {
+    skip_blanks();
+  }
+
+  bool done() const { return at_ == end_; }
+
+  /// The next field; false if there is none. It may be empty only between separators.
+  bool next(const char*& begin, const char*& end) {
+    if (separator_ == ' ') {
+      if (at_ == end_) return false;
+      begin = at_;
+      while (at_ < end_ && !is_blank(*at_)) ++at_;
+      end = at_;
+      skip_blanks();
+      return true;
+    }
+    if (ended_) return false;
+    begin = at_;
+    while (at_ < end_ && *at_ != separator_) ++at_;
+    end = at_;
+    while (end > begin && is_blank(end[-1])) --end;
+    ended_ = at_ == end_;
+    if (!ended_) ++at_;
+    skip_blanks();
+    return true;
+  }
+
+  /// Whether all fields were taken.
+  bool all_taken() const { return separator_ == ' ' ? at_ == end_ : ended_; }
+
+ private:
+  void skip_blanks() {
+    while (at_ < end_ && is_blank(*at_)) ++at_;
+  }
+
+  const char* at_;
+  const char* end_;
+  char separator_;
+  bool ended_ = false;
+};
+
+inline bool is_digit(char c) { return c >= '0' && c <= '9'; }
+
+/// Whether this is an integer of any size as everyone writes it: no +, no zeros before it.
+inline bool is_plain_integer(const char* begin, const char* end) {
+  if (begin < end && *begin == '-') {
+    ++begin;
+    if (end - begin == 1 && *begin == '0') return false;
+  }
+  if (begin == end || (end - begin > 1 && *begin == '0')) return false;
+  return std::all_of(begin, end, is_digit);
+}
+
+inline bool read_integer(const char* begin, const char* end, std::int64_t& value) {
+  if (!is_plain_integer(begin, end)) return false;
+  const auto [stop, error] = std::from_chars(begin, end, value);
+  return error == std::errc{} && stop == end;
+}
+
+/// A finite number in decimals, to the nearest double; false for all else.
+inline bool read_number(const char* begin, const char* end, double& value) {
+#ifdef __cpp_lib_to_chars
+  if (begin == end) return false;
+  const char* const digits = *begin == '+' || *begin == '-' ? begin + 1 : begin;
+  if (digits == end || !(is_digit(*digits) || *digits == '.')) return false;
+  const auto [stop, error] = std::from_chars(*begin == '+' ? digits : begin, end, value);
+  return error == std::errc{} && stop == end;
+#else
+  (void)begin, (void)end, (void)value;
+  return false;
+#endif
+}
+
+}  // namespace rotavg_python
