@@ -9,6 +9,7 @@
 
 #include <amd.h>
 
+#include <rotavg/linalg/supernodes.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -59,22 +60,7 @@ inline EliminationOrder approximate_minimum_degree(const BlockPattern& pattern) 
 /// Columns are counted in the order of elimination: column k is that of node order.node[k].
 class SymbolicCholesky {
  public:
-  struct Supernode {
-    Index begin = 0, end = 0;      ///< columns
-    Index parent = -1;             ///< supernode, -1 for a root
-    Index first = 0;               ///< supernode: with it begins the subtree that ends here
-    std::vector<Index> below;      ///< further rows, rising
-    std::vector<Index> in_parent;  ///< where these stand among the parent's rows
-
-    Index columns() const { return end - begin; }
-    Index num_below() const { return static_cast<Index>(below.size()); }
-    std::size_t rows() const { return below.size() + (end - begin); }
-    /// Multiplications of its elimination, about, with blocks of size one.
-    double work() const {
-      const double pivots = columns(), others = num_below();
-      return pivots * (pivots * pivots / 6.0 + 0.5 * (pivots + others) * (others + 1.0));
-    }
-  };
+  using Supernode = rotavg::Supernode;
   /// An entry of the pattern in the column where it is eliminated.
   struct Entry {
     Index index;      ///< in pattern.row
@@ -92,7 +78,9 @@ class SymbolicCholesky {
     find_parents();
     find_supernodes();
     find_rows();
-    if (root_in_the_middle()) {
+    if (auto other = rooted_in_the_middle(supernodes_)) {
+      supernodes_ = std::move(other->supernodes);
+      reorder(other->columns);
       sort_entries(pattern);
       find_rows();
     }
@@ -105,7 +93,7 @@ class SymbolicCholesky {
   /// Calls f with the children of supernode s, the last first.
   template <typename Function>
   void for_each_child(Index s, Function&& f) const {
-    for (Index c = s - 1; c >= supernodes_[s].first; c = supernodes_[c].first - 1) f(c);
+    rotavg::for_each_child(supernodes_, s, f);
   }
   const Entry* entries_begin(Index column) const { return entries_.data() + start_[column]; }
   const Entry* entries_end(Index column) const { return entries_.data() + start_[column + 1]; }
@@ -166,32 +154,6 @@ class SymbolicCholesky {
     }
   }
 
-  /// Children before parents, subtree by subtree.
-  static std::vector<Index> postorder(const std::vector<Index>& parent) {
-    const auto n = static_cast<Index>(parent.size());
-    std::vector<Index> first_child(static_cast<std::size_t>(n), -1), sibling(first_child);
-    for (Index k = n - 1; k >= 0; --k) {
-      if (parent[k] >= 0) sibling[k] = std::exchange(first_child[parent[k]], k);
-    }
-    std::vector<Index> order, stack;
-    order.reserve(static_cast<std::size_t>(n));
-    for (Index root = 0; root < n; ++root) {
-      if (parent[root] >= 0) continue;
-      stack.push_back(root);
-      while (!stack.empty()) {
-        const Index k = stack.back();
-        if (first_child[k] >= 0) {
-          stack.push_back(std::exchange(first_child[k], -1));
-          continue;
-        }
-        stack.pop_back();
-        order.push_back(k);
-        if (sibling[k] >= 0) stack.push_back(sibling[k]);
-      }
-    }
-    return order;
-  }
-
   /// Number of rows below the diagonal in every column of L: column i has row k if it lies on a
   /// path of the tree from an entry of row k up to k.
   std::vector<Index> column_counts() const {
@@ -247,104 +209,6 @@ class SymbolicCholesky {
       supernodes_[s].begin = blocks[s].begin;
       supernodes_[s].end = blocks[s].end;
     }
-  }
-
-  /// Roots the tree of supernodes where no path from a leaf holds more of the work than it must.
-  /// The rows of a supernode are a clique of the graph that L fills in, and this tree one of
-  /// cliques; any of them may be its root, and L is as full (Liu 1988): of a long band, where the
-  /// tree is a path, the one in the middle leaves two halves that do not depend on each other. On
-  /// the way from the new root to the old one parents become children, and each clique keeps as
-  /// columns what it does not share with its new parent.
-  /// @returns whether anything has changed; then entries and rows are to be found anew
-  bool root_in_the_middle() {
-    constexpr double worthwhile = 0.25, much = 1e5;  // for several threads to share
-    const auto num_supernodes = static_cast<Index>(supernodes_.size());
-    std::vector<double> work(supernodes_.size(), 0.0);  // of subtrees
-    for (Index s = 0; s < num_supernodes; ++s) {
-      work[s] += supernodes_[s].work();
-      if (supernodes_[s].parent >= 0) work[supernodes_[s].parent] += work[s];
-    }
-    std::vector<std::vector<Index>> paths;  // from old roots to new ones
-    std::vector<bool> on_path(supernodes_.size(), false);
-    for (Index root = 0; root < num_supernodes; ++root) {
-      if (supernodes_[root].parent >= 0 || work[root] < much) continue;
-      std::vector<Index> path;
-      for (Index s = root, heaviest = root; heaviest >= 0; s = heaviest) {
-        path.push_back(s);
-        heaviest = -1;
-        for_each_child(s, [&](Index c) {
-          if (work[c] >= 0.5 * work[root]) heaviest = c;
-        });
-      }
-      if (work[root] - work[path.back()] < worthwhile * work[root]) continue;
-      for (const Index s : path) on_path[s] = true;
-      paths.push_back(std::move(path));
-    }
-    if (paths.empty()) return false;
-
-    struct Clique {
-      std::vector<Index> columns, below;
-    };
-    std::vector<Clique> cliques;  // an order in which they can be eliminated
-    for (Index s = 0; s < num_supernodes; ++s) {
-      if (on_path[s]) continue;
-      cliques.push_back({{}, supernodes_[s].below});
-      for (Index k = supernodes_[s].begin; k < supernodes_[s].end; ++k) {
-        cliques.back().columns.push_back(k);
-      }
-    }
-    std::vector<Index> last_clique(node_.size(), -1);  // on a path, that has a column
-    for (const std::vector<Index>& path : paths) {
-      const auto for_each_row = [&](Index s, auto&& f) {
-        for (Index k = supernodes_[s].begin; k < supernodes_[s].end; ++k) f(k);
-        for (const Index row : supernodes_[s].below) f(row);
-      };
-      for (std::size_t k = 0; k < path.size(); ++k) {
-        Clique clique;
-        const Index next = k + 1 < path.size() ? path[k + 1] : -1;
-        if (next >= 0) for_each_row(next, [&](Index row) { last_clique[row] = next; });
-        for_each_row(path[k], [&](Index row) {
-          const bool shared = next >= 0 && last_clique[row] == next;
-          (shared ? clique.below : clique.columns).push_back(row);
-        });
-        if (!clique.columns.empty()) cliques.push_back(std::move(clique));
-      }
-    }
-
-    // The parent of a clique has the first of its rows below; numbers twice, for postorder.
-    std::vector<Index> number(node_.size()), clique_of(node_.size()), order(cliques.size());
-    std::vector<Index> parent(cliques.size(), -1);
-    for (std::size_t c = 0; c < order.size(); ++c) order[c] = static_cast<Index>(c);
-    const auto renumber = [&] {
-      Index next = 0;
-      for (const Index c : order) {
-        for (const Index column : cliques[c].columns) {
-          number[column] = next++;
-          clique_of[column] = c;
-        }
-      }
-    };
-    renumber();
-    for (const Index c : order) {
-      const auto& below = cliques[c].below;
-      const auto first = std::min_element(below.begin(), below.end(),
-                                          [&](Index a, Index b) { return number[a] < number[b]; });
-      if (first != below.end()) parent[c] = clique_of[*first];
-    }
-    order = postorder(parent);
-    renumber();
-    std::vector<Index> columns;
-    supernodes_.clear();
-    for (const Index c : order) {
-      Supernode node;
-      node.begin = static_cast<Index>(columns.size());
-      columns.insert(columns.end(), cliques[c].columns.begin(), cliques[c].columns.end());
-      node.end = static_cast<Index>(columns.size());
-      for (const Index row : cliques[c].below) node.below.push_back(number[row]);
-      supernodes_.push_back(std::move(node));
-    }
-    reorder(columns);
-    return true;
   }
 
   /// The rows of a supernode: those of its entries and those of its children.
