@@ -14,6 +14,7 @@
 
 #include <rotavg/linalg/buffer.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
+#include <rotavg/linalg/front.hpp>
 #include <rotavg/linalg/partial_cholesky.hpp>
 #include <rotavg/linalg/subtrees.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
@@ -35,7 +36,6 @@ template <int B>
 class BlockCholesky {
  public:
   using Blocks = std::vector<Eigen::Matrix<double, B, B>>;
-  using Supernode = SymbolicCholesky::Supernode;
   using MatrixView = Eigen::Map<const Eigen::MatrixXd>;
 
   /// @param symbolic the analysis of the pattern that all matrices have
@@ -180,55 +180,14 @@ class BlockCholesky {
 
   static std::size_t square(std::size_t size) { return size * size; }
 
-  /// A dense front: [A11; A21] in the panel, A22 in the rest.
-  struct Front {
-    double* panel;
-    Index pivots, below;  // scalar rows
-    double* rest;
-
-    /// Column c, such that its entry in row r stands at [r].
-    double* column(Index c) const {
-      const std::size_t height = pivots + below;
-      return c < pivots ? panel + c * height
-                        : rest + static_cast<std::size_t>(c - pivots) * below - pivots;
-    }
-    /// A block of the panel.
-    using BlockView = Eigen::Map<Eigen::Matrix<double, B, B>, 0, Eigen::OuterStride<>>;
-    BlockView block(Index row, Index column) const {
-      return BlockView(this->column(B * column) + B * row, Eigen::OuterStride<>(pivots + below));
-    }
-    void set_zero(int num_threads) const {
-      parallel_for((pivots + below) / B, num_threads, [&](Index k) {
-        for (Index c = B * k; c < B * (k + 1); ++c) {
-          std::fill(column(c) + B * k, column(c) + pivots + below, 0.0);
-        }
-      });
-    }
-    /// Adds what a child left over: the lower triangle of a matrix whose rows stand at these
-    /// places.
-    void add(const std::vector<Index>& places, const double* child, int num_threads) const {
-      const std::size_t height = B * places.size();
-      parallel_for(static_cast<Index>(places.size()), num_threads, [&](Index c) {
-        for (int k = 0; k < B; ++k) {
-          const double* const from = child + (B * c + k) * height;
-          double* const target = column(B * places[c] + k);
-          for (std::size_t r = c; r < places.size(); ++r) {
-            double* const out = target + B * places[r];
-            for (int i = 0; i < B; ++i) out[i] += from[B * r + i];
-          }
-        }
-      });
-    }
-  };
-
   /// Sums the front of supernode s, and factorises its columns.
   ROTAVG_ONE_COPY CholeskyOutcome eliminate(Index s, const Blocks& A, double shift,
                                             PartialCholesky& dense, Interruption& interruption,
                                             int num_threads) {
     const Supernode& node = symbolic_->supernodes()[s];
     const Index pivots = B * node.columns(), below = B * node.num_below();
-    const Front front{panels_.data() + panel_start_[s], pivots, below,
-                      stack_.data() + fronts_.front[s]};
+    const Front<B> front{panels_.data() + panel_start_[s], pivots, below,
+                         stack_.data() + fronts_.front[s]};
     const std::size_t rest_size = square(below);
     num_threads = threads_for(num_threads, B * B * B * node.work());
     front.set_zero(num_threads);

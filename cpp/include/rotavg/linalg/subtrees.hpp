@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <limits>
 #include <vector>
 
 #include <rotavg/linalg/symbolic_cholesky.hpp>
@@ -36,16 +37,17 @@ class Subtrees {
     num_threads = threads_for(num_threads, work_);
     // Many small subtrees have even ends, few large ones leave less above them. A path has two at
     // most.
-    double least = 0.0;
+    double least = std::numeric_limits<double>::infinity();
     for (const double parts : {1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0}) {
-      const bool is_first = parts == 1.0;
       Subtrees other;
-      if (!is_first && num_threads == 1) break;
-      (is_first ? *this : other).cut(supernodes, work, 1.01 * work_ / parts);
-      const double time = (is_first ? *this : other).time(own, num_threads);
-      if (!is_first && time >= least) continue;
-      least = time;
-      if (!is_first) std::swap(ranges_, other.ranges_), std::swap(above_, other.above_);
+      other.cut(supernodes, work, 1.01 * work_ / parts);
+      const double time = other.time(own, num_threads);
+      if (time < least) {
+        least = time;
+        ranges_.swap(other.ranges_);
+        above_.swap(other.above_);
+      }
+      if (num_threads == 1) break;  // the whole is one range
     }
     for (std::size_t r = 0; r < ranges_.size(); ++r) by_work_.push_back(static_cast<Index>(r));
     std::stable_sort(by_work_.begin(), by_work_.end(),
@@ -57,6 +59,7 @@ class Subtrees {
   const std::vector<Index>& above() const { return above_; }
   /// Multiplications of a factorisation, about.
   double work() const { return work_; }
+
   /// From the leaves to the roots: of_range(range) for all ranges, on several threads, and then
   /// of_supernode(s) for those above, on this one. Now and then, with nothing to do, idle().
   template <typename OfRange, typename OfSupernode, typename Idle>
@@ -76,8 +79,7 @@ class Subtrees {
   Subtrees() = default;
 
   /// Ranges of at most so much work.
-  void cut(const std::vector<SymbolicCholesky::Supernode>& supernodes,
-           const std::vector<double>& work, double most) {
+  void cut(const std::vector<Supernode>& supernodes, const std::vector<double>& work, double most) {
     for (Index s = 0; s < static_cast<Index>(supernodes.size()); ++s) {
       if (work[s] > most) {
         above_.push_back(s);
