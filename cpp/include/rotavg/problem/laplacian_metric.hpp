@@ -54,8 +54,8 @@ class LaplacianMetric {
       const Elimination& elimination = *factor.elimination;
       free_.resize(elimination.size(), 3);
       const auto for_each_row = [&](auto&& f) {
-        parallel_for(elimination.size(), threads_for(elimination.num_threads(), 5.0 * free_.rows()),
-                     f);
+        parallel_for(elimination.size(),
+                     threads_for(elimination.num_threads(), 5.0 * elimination.size()), f);
       };
       for_each_row([&](Index a) {
         for (int c = 0; c < 3; ++c) free_(a, c) = 0.25 * v(elimination.node(a), c);
