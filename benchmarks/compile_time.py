@@ -1,7 +1,7 @@
 """What programs that use the C++ library cost to compile: CPU seconds and peak memory.
 
 `./dev bench compile`, or `python -m benchmarks.compile_time`. No cache and no precompiled header
-has a part in it; OpenMP is left out, as clang's header of it is often not there.
+has a part in it.
 """
 
 from __future__ import annotations

@@ -69,33 +69,13 @@ def _run(command: list[str], log: Path) -> tuple[int, float]:
     return process.returncode, usage.ru_utime + usage.ru_stime
 
 
-def _openmp(compiler: str, work: Path, unpacked: Path | None) -> list[str]:
-    """The flags for OpenMP; none where the compiler comes without it.
-
-    Clang's OpenMP is a package of its own, of which only one version can be installed at a time:
-    others may lie in the folder `unpacked`, as in /.
-    """
-    ways = [["-fopenmp"]]
-    if unpacked is not None and "-" in compiler:
-        llvm = unpacked.resolve() / "usr" / "lib" / f"llvm-{compiler.rpartition('-')[2]}" / "lib"
-        for include in llvm.glob("clang/*/include"):
-            ways.append(["-fopenmp", f"-isystem{include}", f"-L{llvm}", f"-Wl,-rpath,{llvm}"])
-    source, log = work / "openmp.cpp", work / f"{compiler.replace('/', '_')}.log"
-    source.write_text("#include <omp.h>\nint main() { return omp_get_num_procs() < 1; }\n")
-    for flags in ways:
-        program = str(log.with_suffix(""))
-        if _run([compiler, str(source), "-o", program, *flags], log)[0] == 0:
-            return flags
-    return []
-
-
-def _try(c: Combination, openmp: list[str], system: list[str], work: Path) -> Outcome:
+def _try(c: Combination, system: list[str], work: Path) -> Outcome:
     name = "_".join((c.compiler.replace("/", "_"), c.standard, c.how, c.optimisation))
     log, program = work / f"{name}.log", str(work / name)
     rotavg = [c.how, str(_ROOT / "cpp" / "include")]
     includes = [*rotavg, *(f"-isystem{directory}" for directory in system)]
     command = [c.compiler, f"-std={c.standard}", c.optimisation, *_WARNINGS, *includes]
-    command += [str(_CONSUMER), "-o", program, *openmp, "-lamd"]
+    command += [str(_CONSUMER), "-o", program, "-pthread", "-lamd"]
     status, seconds = _run(command, log)
     if status != 0:
         text = log.read_text(errors="replace")
@@ -130,7 +110,6 @@ def main() -> int:
         metavar="FOLDER",
         help="the headers of Eigen and SuiteSparse (default: as on Debian)",
     )
-    parser.add_argument("--openmp", type=Path, metavar="FOLDER", help="unpacked packages of libomp")
     arguments = parser.parse_args()
     compilers: list[str] = arguments.compilers or list(_COMPILERS)
     missing = [compiler for compiler in compilers if shutil.which(compiler) is None]
@@ -139,8 +118,7 @@ def main() -> int:
     combinations = list((_quick if arguments.quick else _all)(compilers))
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(arguments.jobs) as pool:
         work = Path(folder)
-        openmp = {c: _openmp(c, work, arguments.openmp) for c in compilers}
-        done = pool.map(lambda c: _try(c, openmp[c.compiler], arguments.system, work), combinations)
+        done = pool.map(lambda c: _try(c, arguments.system, work), combinations)
         outcomes = {}
         for c, outcome in zip(combinations, done):
             outcomes[c] = outcome
@@ -148,9 +126,6 @@ def main() -> int:
                 print(f"{c.compiler} {c.standard} {c.how} {c.optimisation}: {outcome.problem}")
                 print(outcome.output, flush=True)
     print(_table(outcomes))
-    for compiler in compilers:
-        if not openmp[compiler]:
-            print(f"{compiler} has no OpenMP: one thread")
     return int(any(outcome.problem for outcome in outcomes.values()))
 
 

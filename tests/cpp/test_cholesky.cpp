@@ -208,6 +208,79 @@ TEST_CASE("it stops at whichever question is answered with no, and can start ane
   CHECK(test::dense_factor(cholesky) == test::dense_factor(complete));
 }
 
+TEST_CASE_TEMPLATE("any number of threads gives the same bits, and stops where it is told to", Size,
+                   One, Three) {
+  constexpr int B = Size::value;
+  Random random;
+  INFO(random.replay());
+  std::vector<Graph> all = graphs(random);
+  all.push_back({"large grid", 1600, test::grid(40, 40)});
+  Graph band{"band", 1600, {}};
+  for (Index i = 0; i < band.n; ++i) {
+    for (Index d = 1; d <= 12 && i + d < band.n; ++d) band.pairs.emplace_back(i, i + d);
+  }
+  all.push_back(band);
+  all.push_back({"expander", 400, test::random_connected(random, 400, 1200)});
+  for (const Graph& graph : all) {
+    // Diagonally dominant, block by block.
+    BlockPattern pattern;
+    typename BlockCholesky<B>::Blocks blocks;
+    std::vector<std::vector<Index>> below(static_cast<std::size_t>(graph.n));
+    for (const auto& [i, j] : graph.pairs) below[std::min(i, j)].push_back(std::max(i, j));
+    std::vector<double> degree(below.size(), 1.0);
+    for (Index j = 0; j < graph.n; ++j) {
+      auto& rows = below[j];
+      std::sort(rows.begin(), rows.end());
+      rows.erase(std::unique(rows.begin(), rows.end()), rows.end());
+      pattern.row.push_back(j);
+      blocks.emplace_back();
+      for (const Index i : rows) {
+        pattern.row.push_back(i);
+        blocks.push_back(test::normal_matrix(random, B, B));
+        const double size = blocks.back().norm();
+        degree[i] += size;
+        degree[j] += size;
+      }
+      pattern.start.push_back(static_cast<Index>(pattern.row.size()));
+    }
+    for (Index j = 0; j < graph.n; ++j) {
+      blocks[pattern.start[j]] = degree[j] * Eigen::Matrix<double, B, B>::Identity();
+    }
+    const auto symbolic = test::analysed(random, pattern, false);
+    const MatrixXd X = test::normal_matrix(random, B * graph.n, 5);
+    BlockCholesky<B> one(symbolic);
+    REQUIRE(one.factorize(blocks) == CholeskyOutcome::positive_definite);
+    MatrixXd AX = MatrixXd::Zero(X.rows(), X.cols());
+    for (Index j = 0; j < graph.n; ++j) {
+      for (Index e = pattern.start[j]; e < pattern.start[j + 1]; ++e) {
+        const Index i = pattern.row[e];
+        AX.middleRows<B>(B * i) += blocks[e] * X.middleRows<B>(B * j);
+        if (i != j) AX.middleRows<B>(B * j) += blocks[e].transpose() * X.middleRows<B>(B * i);
+      }
+    }
+    REQUIRE((one.solve(AX) - X).norm() <= 1e-10 * X.norm());
+    for (const int num_threads : {2, 3, 8}) {
+      CAPTURE(B);
+      CAPTURE(graph.name);
+      CAPTURE(num_threads);
+      BlockCholesky<B> several(symbolic, num_threads);
+      for (int times = 0; times < 3; ++times) {
+        REQUIRE(several.factorize(blocks) == CholeskyOutcome::positive_definite);
+        for (std::size_t s = 0; s < symbolic->supernodes().size(); ++s) {
+          const MatrixXd L = several.factor(s), expected = one.factor(s);
+          REQUIRE(MatrixXd(L.template triangularView<Eigen::Lower>()) ==
+                  MatrixXd(expected.template triangularView<Eigen::Lower>()));
+        }
+        REQUIRE(several.solve(X) == one.solve(X));
+      }
+      int left = 2;
+      const auto outcome = several.factorize(blocks, 0.0, [&] { return left-- > 0; });
+      REQUIRE((left >= 0 || outcome == CholeskyOutcome::stopped));
+      REQUIRE(several.factorize(blocks, -1e6) == CholeskyOutcome::not_positive_definite);
+    }
+  }
+}
+
 TEST_CASE("a matrix without rows is positive definite, and solves nothing") {
   BlockCholesky<3> cholesky(std::make_shared<SymbolicCholesky>(BlockPattern{}, EliminationOrder{}));
   CHECK(cholesky.size() == 0);

@@ -1,9 +1,20 @@
+#ifdef __linux__
+#include <sys/wait.h>
+#include <unistd.h>
+#endif
+
+#include <atomic>
+#include <chrono>
 #include <cmath>
+#include <functional>
+#include <thread>
 #include <vector>
 
 #include <doctest/doctest.h>
 
+#include <rotavg/parallel/interruption.hpp>
 #include <rotavg/parallel/reduce.hpp>
+#include <rotavg/parallel/team.hpp>
 #include <rotavg/parallel/threads.hpp>
 
 #include "support/random.hpp"
@@ -42,9 +53,104 @@ TEST_CASE("a parallel loop calls its function once for every index") {
   }
 }
 
+TEST_CASE("a loop within a loop stays on its thread, and calls from several threads do not mix") {
+  const auto count_all = [] {
+    std::vector<int> calls(200 * 50, 0);
+    for (int times = 0; times < 20; ++times) {
+      rotavg::parallel_for(200, 4, [&](Index i) {
+        const auto here = std::this_thread::get_id();
+        rotavg::parallel_for(50, 4, [&](Index j) {
+          calls[static_cast<std::size_t>(50 * i + j)] += here == std::this_thread::get_id();
+        });
+      });
+    }
+    return calls;
+  };
+  const std::vector<int> expected(200 * 50, 20);
+  std::vector<std::vector<int>> found(3);
+  std::vector<std::thread> threads;
+  for (auto& calls : found) threads.emplace_back([&] { calls = count_all(); });
+  for (std::thread& thread : threads) thread.join();
+  for (const auto& calls : found) CHECK(calls == expected);
+}
+
+TEST_CASE("helpers take tasks while the calling thread is at one of its own") {
+  // Two tasks that wait for each other can only end together; a team that has just lost time goes
+  // alone for a while.
+  bool met = false;
+  for (int times = 0; times < 200 && !met; ++times) {
+    std::atomic<int> arrived{0};
+    rotavg::Team::mine().run(
+        2, 2,
+        [&](Index) {
+          ++arrived;
+          const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(50);
+          while (arrived < 2 && std::chrono::steady_clock::now() < until) std::this_thread::yield();
+          if (arrived == 2) met = true;
+        },
+        [] {});
+  }
+  CHECK(met);
+}
+
+TEST_CASE("the calling thread is asked now and then while it waits for a helper's long task") {
+  bool asked = false;
+  for (int times = 0; times < 50 && !asked; ++times) {
+    const auto caller = std::this_thread::get_id();
+    rotavg::Team::mine().run(
+        2, 2,
+        [&](Index) {
+          if (std::this_thread::get_id() == caller) {
+            std::this_thread::sleep_for(std::chrono::milliseconds(5));
+          } else {
+            std::this_thread::sleep_for(std::chrono::milliseconds(60));
+          }
+        },
+        [&] { asked = std::this_thread::get_id() == caller; });
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  CHECK(asked);
+}
+
+#ifdef __linux__
+TEST_CASE("the child of a fork has threads of its own") {
+  const auto sum = [] {
+    return rotavg::block_sum<double>(100000, 4, [](Index k) { return 1.0 / (1.0 + k); });
+  };
+  const double expected = sum();
+  const pid_t child = fork();
+  if (child == 0) _exit(sum() == expected && sum() == expected ? 0 : 1);
+  int status = -1;
+  REQUIRE(waitpid(child, &status, 0) == child);
+  CHECK(WIFEXITED(status));
+  CHECK(WEXITSTATUS(status) == 0);
+}
+#endif
+
+TEST_CASE("an interruption asks only on its own thread, and stops for all") {
+  int asked = 0;
+  const std::function<bool()> no = [&] { return ++asked < 1; };
+  rotavg::Interruption interruption(no);
+  std::thread([&] {
+    for (int k = 0; k < 100; ++k) CHECK(interruption.goes_on(1e7));
+  }).join();
+  CHECK(asked == 0);
+  CHECK(interruption.goes_on(1e6));
+  CHECK(asked == 0);
+  CHECK(!interruption.goes_on(1e7));
+  CHECK(asked == 1);
+  CHECK(!interruption.goes_on(1.0));
+  CHECK(!interruption.ask());
+  CHECK(asked == 1);
+  std::thread([&] { CHECK(!interruption.goes_on(1.0)); }).join();
+}
+
 TEST_CASE("little work gets one thread, much work as many as were asked for") {
   CHECK(rotavg::resolve_num_threads(7, 100) == 1);
   CHECK(rotavg::resolve_num_threads(7, 1000000) == 7);
   CHECK(rotavg::resolve_num_threads(0, 1000000) >= 1);
   CHECK(rotavg::resolve_num_threads(-1, 1000000) == rotavg::resolve_num_threads(0, 1000000));
+  CHECK(rotavg::threads_for(1, 1e12) == 1);
+  CHECK(rotavg::threads_for(5, 1e12) == 5);
+  CHECK(rotavg::threads_for(5, 0.0) == 1);
 }

@@ -10,6 +10,7 @@
 #include <Eigen/Core>
 
 #include <rotavg/linalg/partial_cholesky.hpp>
+#include <rotavg/parallel/interruption.hpp>
 
 #include "support/random.hpp"
 
@@ -45,9 +46,14 @@ struct Front {
 
   Index pivots() const { return static_cast<Index>(panel.cols()); }
   Index below() const { return static_cast<Index>(rest.cols()); }
-  CholeskyOutcome factorize(PartialCholesky& cholesky,
-                            const std::function<bool()>& keep_going = {}) {
-    return cholesky(panel.data(), pivots(), below(), rest.data(), keep_going);
+  CholeskyOutcome factorize(PartialCholesky& cholesky, const std::function<bool()>& keep_going = {},
+                            int num_threads = 1) {
+    Interruption interruption(keep_going);
+    return factorize(cholesky, interruption, num_threads);
+  }
+  CholeskyOutcome factorize(PartialCholesky& cholesky, Interruption& interruption,
+                            int num_threads = 1) {
+    return cholesky(panel.data(), pivots(), below(), rest.data(), interruption, num_threads);
   }
   MatrixXd L() const { return panel.triangularView<Eigen::Lower>(); }
   MatrixXd lower_rest() const { return rest.triangularView<Eigen::Lower>(); }
@@ -119,6 +125,27 @@ TEST_CASE("the same input gives the same bits, whatever the object has done befo
   CHECK(one.lower_rest() == other.lower_rest());
 }
 
+TEST_CASE("any number of threads gives the same bits, and stops where it is told to") {
+  Random random;
+  INFO(random.replay());
+  const MatrixXd A = dominant(random, 700);
+  for (const Index pivots : {700, 400, 97, 12}) {
+    PartialCholesky cholesky;
+    Front one(A, pivots);
+    REQUIRE(one.factorize(cholesky) == CholeskyOutcome::positive_definite);
+    for (const int num_threads : {2, 3, 8}) {
+      CAPTURE(pivots);
+      CAPTURE(num_threads);
+      Front several(A, pivots);
+      REQUIRE(several.factorize(cholesky, {}, num_threads) == CholeskyOutcome::positive_definite);
+      REQUIRE(several.L() == one.L());
+      REQUIRE(several.lower_rest() == one.lower_rest());
+    }
+  }
+  PartialCholesky cholesky;
+  CHECK(Front(A, 700).factorize(cholesky, [] { return false; }, 3) == CholeskyOutcome::stopped);
+}
+
 TEST_CASE("nothing outside the panel and the rest is written") {
   Random random;
   INFO(random.replay());
@@ -134,7 +161,9 @@ TEST_CASE("nothing outside the panel and the rest is written") {
     };
     std::vector<double> panel = with_canaries(A.leftCols(pivots));
     std::vector<double> rest = with_canaries(A.bottomRightCorner(below, below));
-    cholesky(panel.data() + 32, pivots, below, rest.data() + 32);
+    const std::function<bool()> always;
+    Interruption never(always);
+    cholesky(panel.data() + 32, pivots, below, rest.data() + 32, never);
     for (const auto* values : {&panel, &rest}) {
       for (std::size_t i = 0; i < 32; ++i) {
         REQUIRE((*values)[i] == canary);
@@ -262,10 +291,12 @@ TEST_CASE("work adds up over many small calls until it is asked whether to go on
   INFO(random.replay());
   const MatrixXd A = dominant(random, 20);
   PartialCholesky cholesky;
+  const std::function<bool()> no = [] { return false; };
+  Interruption interruption(no);
   int calls = 0;
   while (calls < 1000000) {
     ++calls;
-    const auto outcome = Front(A, 10).factorize(cholesky, [] { return false; });
+    const auto outcome = Front(A, 10).factorize(cholesky, interruption);
     if (outcome == CholeskyOutcome::stopped) break;
   }
   CHECK(calls > 100);

@@ -206,6 +206,25 @@ def test_same_input_same_bits_for_any_number_of_threads(method: str, init: str) 
         assert first.certificate == again.certificate
 
 
+@pytest.mark.parametrize(
+    ("kind", "n", "density"),
+    [("sphere", 9000, 0.1), ("erdos_renyi", 2500, 0.009), ("band", 4000, 0.1), ("grid", 3000, 0.1)],
+)
+def test_sparse_graphs_have_the_same_bits_for_any_number_of_threads(
+    kind: str, n: int, density: float
+) -> None:
+    graph = rotavg.simulate(kind, n, density=density, noise=0.05, seed=3).graph
+    first = rotavg.solve(graph, num_threads=1)
+    assert first.certificate is not None
+    assert first.certificate.verdict == "proved"
+    proof = rotavg.certify(graph, first.rotations, num_threads=1)
+    for threads in (2, 3, 8):
+        again = rotavg.solve(graph, num_threads=threads)
+        assert first.rotations.tobytes() == again.rotations.tobytes()
+        assert first.certificate == again.certificate
+        assert rotavg.certify(graph, first.rotations, num_threads=threads) == proof
+
+
 @pytest.mark.parametrize("method", ["bcd", "sum"])
 def test_acceleration_saves_most_iterations_and_keeps_the_rest(method: str) -> None:
     graph = rotavg.simulate("sphere", 900, noise=0.1, seed=1).graph

@@ -39,8 +39,17 @@ struct Measure {
   /// Sum of w, where no edge counts for more than 1000 times the lightest: or a few heavy edges
   /// would hide all that the others say.
   double weight = 0.0;
-  double total_weight = 0.0;
-  double num_edges = 0.0;
+  double total_weight = 0.0, num_edges = 0.0;
+  double lightest = std::numeric_limits<double>::infinity();
+
+  Measure& operator+=(const Measure& other) {
+    objective += other.objective;
+    constant += other.constant;
+    total_weight += other.total_weight;
+    num_edges += other.num_edges;
+    lightest = std::min(lightest, other.lightest);
+    return *this;
+  }
 
   /// What a gap is relative to; NaN where the objective is.
   double scale() const {
@@ -56,24 +65,38 @@ inline std::vector<Measure> measure_components(const ResidualQuaternions& residu
                                                const Components& components,
                                                const GravityPairs& gravity) {
   const MeasurementGraph& graph = residuals.graph();
-  std::vector<Measure> measures(components.nodes.size());
-  std::vector<double> lightest(measures.size(), std::numeric_limits<double>::infinity());
-  auto pair = gravity.first.begin();
-  for (Index k = 0; k < graph.num_edges(); ++k) {
-    const Index c = components.label[graph.quaternion_edges()[k].i];
-    const Vector4& e = residuals()[k];
-    const double weight = e.squaredNorm();
-    measures[c].total_weight += weight;
-    measures[c].num_edges += 1.0;
-    lightest[c] = std::min(lightest[c], weight);
-    if (pair == gravity.first.end() || k < *pair) {
-      measures[c].objective += 8.0 * e.head<3>().squaredNorm();
-    } else if (k == *pair) {
-      measures[c].objective += gravity.cost(e);
-      measures[c].constant += gravity.constant(e);
-    } else {
-      ++pair;  // the second edge of the pair is in the cost of the first
+  const auto size = components.nodes.size();
+  // Parts of the edges, each with sums of its own, where there are not many components.
+  constexpr std::size_t few = 100;
+  const Index parts = size <= few ? 16 : 1, m = graph.num_edges();
+  std::vector<std::vector<Measure>> of_part(parts, std::vector<Measure>(size));
+  const auto begin_of = [&](Index part) {
+    return static_cast<Index>(static_cast<long long>(m) * part / parts);
+  };
+  parallel_for(parts, residuals.num_threads(), [&](Index part) {
+    const Index begin = begin_of(part), end = begin_of(part + 1);
+    // What is of a pair is counted with its first edge.
+    auto pair = std::lower_bound(gravity.first.begin(), gravity.first.end(), begin - 1);
+    for (Index k = begin; k < end; ++k) {
+      Measure& measure = of_part[part][components.label[graph.quaternion_edges()[k].i]];
+      const Vector4& e = residuals()[k];
+      const double weight = e.squaredNorm();
+      measure.total_weight += weight;
+      measure.num_edges += 1.0;
+      measure.lightest = std::min(measure.lightest, weight);
+      if (pair == gravity.first.end() || k < *pair) {
+        measure.objective += 8.0 * e.head<3>().squaredNorm();
+      } else if (k == *pair) {
+        measure.objective += gravity.cost(e);
+        measure.constant += gravity.constant(e);
+      } else {
+        ++pair;  // the second edge of the pair is in the cost of the first
+      }
     }
+  });
+  std::vector<Measure> measures(size);
+  for (const auto& part : of_part) {
+    for (std::size_t c = 0; c < size; ++c) measures[c] += part[c];
   }
   for (Measure& measure : measures) {
     const double summing = unit_roundoff * measure.num_edges * measure.objective;
@@ -85,7 +108,7 @@ inline std::vector<Measure> measure_components(const ResidualQuaternions& residu
   for (Measure& measure : measures) measure.weight = 0.0;
   for (Index k = 0; k < graph.num_edges(); ++k) {
     const Index c = components.label[graph.quaternion_edges()[k].i];
-    measures[c].weight += std::min(residuals()[k].squaredNorm(), most * lightest[c]);
+    measures[c].weight += std::min(residuals()[k].squaredNorm(), most * measures[c].lightest);
   }
   return measures;
 }
@@ -174,7 +197,8 @@ ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations
 ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations& given,
                                   const CertificateOptions& options) {
   const Components components = connected_components(graph);
-  std::vector<Elimination> eliminations = grounded_eliminations(graph, components);
+  std::vector<Elimination> eliminations =
+      grounded_eliminations(graph, components, resolve_num_threads(options.num_threads));
   return certify(graph, checked_rotations(graph, given), components, eliminations, options);
 }
 

@@ -13,8 +13,10 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
+#include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/connection.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/problem/sums_at_nodes.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/so3/small_products.hpp>
@@ -32,22 +34,22 @@ class NodeSums {
   /// @param residuals must outlive this object
   explicit NodeSums(const ResidualQuaternions& residuals)
       : residuals_(residuals),
-        diagonal_(residuals.graph().nodes().size(), Matrix3::Zero()),
-        gradient_(diagonal_.size(), Vector3::Zero()) {
-    // Edge by edge, as on dense graphs a node's edges lie far apart.
-    const auto& edges = graph().quaternion_edges();
-    for (std::size_t k = 0; k < edges.size(); ++k) {
-      const Vector3 v = vector_part(residuals_()[k]), g = (8.0 * residuals_()[k].w()) * v;
-      Matrix3 less = outer_product(-2.0 * v, v);
-      add_to_diagonal(less, 2.0 * dot(v, v));
-      diagonal_[edges[k].i] -= less;
-      diagonal_[edges[k].j] -= less;
-      gradient_[edges[k].i] += g;
-      gradient_[edges[k].j] -= g;
-    }
-    for (std::size_t i = 0; i < diagonal_.size(); ++i) {
-      add_to_diagonal(diagonal_[i], graph().degree(static_cast<Index>(i)));
-    }
+        diagonal_(residuals.graph().nodes().size()),
+        gradient_(diagonal_.size()) {
+    const auto sums = sums_at_nodes<Sum>(
+        graph(), residuals.num_threads(),
+        [&](const HalfEdge& h, Sum& sum) {
+          sum.add(residuals_()[h.edge()], h.is_i() ? 1.0 : -1.0);
+        },
+        [&](Index k, Sum& at_i, Sum& at_j) {
+          at_i.add(residuals_()[k], 1.0);
+          at_j.add(residuals_()[k], -1.0);
+        });
+    parallel_for(static_cast<Index>(sums.size()), residuals.num_threads(), [&](Index i) {
+      diagonal_[i] = -sums[i].less;
+      add_to_diagonal(diagonal_[i], graph().degree(i));
+      gradient_[i] = sums[i].gradient;
+    });
   }
 
   /// Of a lifted point, which has diagonal blocks of its own.
@@ -62,6 +64,24 @@ class NodeSums {
   const Vector3& gradient(Index i) const { return gradient_[i]; }
 
  private:
+  /// Of the edges at one node.
+  struct Sum {
+    Matrix3 less = Matrix3::Zero();  ///< sum 2 (|v|^2 I - v v^T)
+    Vector3 gradient = Vector3::Zero();
+
+    EIGEN_STRONG_INLINE void add(const Vector4& e, double sign) {
+      const Vector3 v = vector_part(e);
+      less += outer_product(-2.0 * v, v);
+      add_to_diagonal(less, 2.0 * dot(v, v));
+      gradient += (sign * 8.0 * e.w()) * v;
+    }
+    Sum& operator+=(const Sum& other) {
+      less += other.less;
+      gradient += other.gradient;
+      return *this;
+    }
+  };
+
   const ResidualQuaternions& residuals_;
   std::vector<Matrix3> diagonal_;
   std::vector<Vector3> gradient_;
@@ -108,31 +128,27 @@ class CertificateMatrix {
   /// S X, without forming S.
   Eigen::MatrixXd apply(const Eigen::MatrixXd& X) const {
     Eigen::MatrixXd Y = apply_connection(residuals(), components_, component_, X);
-    Y *= -1.0;
-    for (Index a = 0; a < num_nodes(); ++a) add_block_product(diagonal(a), X, a, Y, a);
+    parallel_for(num_nodes(), residuals().num_threads(), [&](Index a) {
+      Y.middleRows<3>(3 * a) *= -1.0;
+      add_block_product(diagonal(a), X, a, Y, a);
+    });
     return Y;
   }
 
-  /// (S - kappa L (x) I) X, L the scalar Laplacian; edge by edge, on one thread.
+  /// (S - kappa L (x) I) X, L the scalar Laplacian.
   Eigen::MatrixXd apply_less_laplacian(const Eigen::MatrixXd& X, double kappa) const {
     Eigen::MatrixXd Y = Eigen::MatrixXd::Zero(X.rows(), X.cols());
-    for (Index a = 0; a < num_nodes(); ++a) {
+    parallel_for(num_nodes(), residuals().num_threads(), [&](Index a) {
       Matrix3 block = diagonal(a);
       add_to_diagonal(block, -kappa * graph().degree(nodes_[a]));
       add_block_product(block, X, a, Y, a);
-    }
-    const auto& edges = graph().quaternion_edges();
-    for (std::size_t k = 0; k < edges.size(); ++k) {
-      if (components_.label[edges[k].i] != component_) continue;
-      const Vector4& e = residuals()()[k];
-      const Index i = components_.row_in_component[edges[k].i];
-      const Index j = components_.row_in_component[edges[k].j];
-      Matrix3 block = -weighted_rotation(Quaternion(e));
-      add_to_diagonal(block, kappa * e.squaredNorm());
-      add_block_product(block, X, j, Y, i);
-      block.transposeInPlace();
-      add_block_product(block, X, i, Y, j);
-    }
+      for (const HalfEdge& h : graph().row(nodes_[a])) {
+        const Quaternion e(residuals()()[h.edge()]);
+        block = -weighted_rotation(h.is_i() ? e : e.conjugate());
+        add_to_diagonal(block, kappa * e.squaredNorm());
+        add_block_product(block, X, components_.row_in_component[h.node], Y, a);
+      }
+    });
     return Y;
   }
 

@@ -72,8 +72,8 @@ ROTAVG_INLINE Certificate certify(const GroundedGraph& problem, const Rotations&
                             "is not where a fixed rotation or its rig holds the node");
     }
   }
-  std::vector<Elimination> eliminations =
-      grounded_eliminations(problem.graph(), problem.components());
+  std::vector<Elimination> eliminations = grounded_eliminations(
+      problem.graph(), problem.components(), resolve_num_threads(options.num_threads));
   Certificate certificate = certify(problem.graph(), Q, problem.components(), eliminations, options,
                                     {}, problem.gravity());
   // That is of Q; f(R) - f* = f(Q) - f* + the excess of R.

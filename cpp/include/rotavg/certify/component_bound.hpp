@@ -117,7 +117,8 @@ class ComponentBounds {
     if (outcome == CholeskyOutcome::stopped) return {};
     return outcome == CholeskyOutcome::positive_definite
                ? bound_by_grounded_factorization(S_, cholesky, keep_going)
-               : bound_certificate_matrix(S_, options_.max_factorization_flops, keep_going);
+               : bound_certificate_matrix(S_, options_.max_factorization_flops, keep_going,
+                                          elimination_.num_threads());
   }
 
   /// Operations that a factorisation takes at least, about, by what M says of the graph: with a

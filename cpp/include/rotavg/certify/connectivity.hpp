@@ -15,6 +15,9 @@
 #include <rotavg/linalg/buffer.hpp>
 #include <rotavg/linalg/partial_cholesky.hpp>
 #include <rotavg/linalg/small_eigen.hpp>
+#include <rotavg/parallel/interruption.hpp>
+#include <rotavg/parallel/threads.hpp>
+#include <rotavg/problem/sums_at_nodes.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
@@ -49,24 +52,30 @@ class Connectivity {
   explicit Connectivity(const CertificateMatrix& S) : S_(S), left_(S.num_nodes(), 0.0) {
     constexpr double margin = 1.0 + 1e-10;  // for rounding in d, r and the degrees
     const MeasurementGraph& graph = S.graph();
-    std::vector<double> r(left_.size(), 0.0);
-    for (Index k = 0; k < graph.num_edges(); ++k) {
-      const QuaternionEdge& edge = graph.quaternion_edges()[k];
-      if (S.components().label[edge.i] != S.component()) continue;
+    const int num_threads = S.residuals().num_threads();
+    const auto r_of = [&](Index k) {
       const Vector4& e = S.residuals()()[k];
-      const double r_ij = 2.0 * std::sqrt(vector_square(e)) * e.norm();
-      r[row(edge.i)] += r_ij;
-      r[row(edge.j)] += r_ij;
-    }
-    double min_degree = std::numeric_limits<double>::infinity();
-    for (Index a = 0; a < S.num_nodes(); ++a) {
-      const double degree = graph.degree(S.nodes()[a]);
+      return 2.0 * std::sqrt(vector_square(e)) * e.norm();
+    };
+    const auto r = sums_at_nodes<double>(
+        graph, num_threads, [&](const HalfEdge& h, double& sum) { sum += r_of(h.edge()); },
+        [&](Index k, double& at_i, double& at_j) {
+          const double r_ij = r_of(k);
+          at_i += r_ij;
+          at_j += r_ij;
+        });
+    parallel_for(S.num_nodes(), num_threads, [&](Index a) {
+      const Index i = S.nodes()[a];
+      const double degree = graph.degree(i);
       Matrix3 N = S.diagonal(a);
       add_to_diagonal(N, -degree);
       const double d = -small_eigen(N).values(0);
-      left_[a] = degree - margin * (d + r[a]) - (margin - 1.0) * degree;
-      min_degree = std::min(min_degree, degree);
-      total_degree_ += degree;
+      left_[a] = degree - margin * (d + r[i]) - (margin - 1.0) * degree;
+    });
+    double min_degree = std::numeric_limits<double>::infinity();
+    for (const Index i : S.nodes()) {
+      min_degree = std::min(min_degree, graph.degree(i));
+      total_degree_ += graph.degree(i);
     }
     // Where the residuals take little away, more is left for l: the smaller is what rounding makes
     // of the gap.
@@ -105,7 +114,9 @@ class Connectivity {
     double trace = 0.0;
     for (std::size_t a = 0; a < size; ++a) trace += M.data()[a * size + a] += left_[a];
     PartialCholesky cholesky;
-    const auto outcome = cholesky(M.data(), S_.num_nodes(), 0, nullptr, keep_going);
+    Interruption interruption(keep_going);
+    const auto outcome =
+        cholesky(M.data(), S_.num_nodes(), 0, nullptr, interruption, S_.residuals().num_threads());
     if (outcome != CholeskyOutcome::positive_definite) return {};
     return bound(l_ - 1.1 * (n + 2.0) * unit_roundoff * trace, keep_going);
   }
@@ -132,18 +143,28 @@ class Connectivity {
     // c. Parallel edges count as one. All in units in which no product overflows.
     const double unit = total_degree_ / S_.num_nodes();
     double sum_v = 0.0, sum_va = 0.0, sum_vaa = 0.0;
-    std::vector<double> weight(left_.size(), 0.0);
     for (const double left : left_) sum_v += unit / left;
     sum_v *= sum_v;
-    for (Index a = 0; a < S_.num_nodes(); ++a) {
-      const auto half_edges = S_.graph().row(S_.nodes()[a]);
-      for (const HalfEdge& h : half_edges) weight[row(h.node)] += h.node_from_l.squaredNorm();
-      for (const HalfEdge& h : half_edges) {
-        const Index b = row(h.node);
-        const double w = std::exchange(weight[b], 0.0);
-        sum_va += (w / left_[a]) * (unit / left_[b]);
-        sum_vaa += (w / left_[a]) * (w / left_[b]);
+    constexpr Index shares = 16;  // of the nodes, each with weights of its own
+    std::vector<std::pair<double, double>> of_share(shares);
+    parallel_for(shares, S_.residuals().num_threads(), [&](Index share) {
+      std::vector<double> weight(left_.size(), 0.0);
+      double va = 0.0, vaa = 0.0;
+      for (Index a = share; a < S_.num_nodes(); a += shares) {
+        const auto half_edges = S_.graph().row(S_.nodes()[a]);
+        for (const HalfEdge& h : half_edges) weight[row(h.node)] += h.node_from_l.squaredNorm();
+        for (const HalfEdge& h : half_edges) {
+          const Index b = row(h.node);
+          const double w = std::exchange(weight[b], 0.0);
+          va += (w / left_[a]) * (unit / left_[b]);
+          vaa += (w / left_[a]) * (w / left_[b]);
+        }
       }
+      of_share[share] = {va, vaa};
+    });
+    for (const auto& [va, vaa] : of_share) {
+      sum_va += va;
+      sum_vaa += vaa;
     }
     const double square = sum_vaa - sum_va * sum_va / sum_v + rounding * sum_vaa;
     if (!(square < almost_one)) return {};

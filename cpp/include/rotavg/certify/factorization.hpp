@@ -83,7 +83,7 @@ class DefiniteFactorization {
                         double noise, const GravityPairs& gravity = {})
       : S_(S),
         elimination_(elimination),
-        cholesky_(elimination.symbolic()),
+        cholesky_(elimination.symbolic(), elimination.num_threads()),
         headings_(free_headings(S, gravity)) {
     constexpr double part = 0.01, low_noise = 1e-4;
     const double wanted = S.leftover_edge_rounding() / (part * resolution);
@@ -272,7 +272,7 @@ inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
                                                      const std::function<bool()>& keep_going) {
   ComponentBound bound;
   const BlockCholesky<3>::Blocks blocks = S.blocks(elimination);
-  BlockCholesky<3> cholesky(elimination.symbolic());
+  BlockCholesky<3> cholesky(elimination.symbolic(), elimination.num_threads());
   const double scale = S.max_degree();
   const double smallest_shift = 1e-13 * scale, rounding = 1e-10 * scale;
   constexpr int rough_iterations = 30;
@@ -314,8 +314,9 @@ inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
 /// The bound where S need not be positive definite without its first node: by a shifted
 /// factorisation, or, where that would take more than `max_flops`, an estimate.
 inline ComponentBound bound_certificate_matrix(const CertificateMatrix& S, double max_flops,
-                                               const std::function<bool()>& keep_going) {
-  Elimination whole(S.graph(), S.components(), S.component(), /*skipped=*/0);
+                                               const std::function<bool()>& keep_going,
+                                               int num_threads = 1) {
+  Elimination whole(S.graph(), S.components(), S.component(), /*skipped=*/0, num_threads);
   if (whole.flops(3, max_flops) > max_flops) return bound_by_eigenvalue(S, keep_going);
   return bound_by_shifted_factorization(S, whole, keep_going);
 }

@@ -6,6 +6,7 @@
 #include <functional>
 #include <limits>
 #include <utility>
+#include <vector>
 
 #include <Eigen/Core>
 
@@ -15,6 +16,7 @@
 #include <rotavg/certify/min_eigenvalue.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
 #include <rotavg/linalg/lanczos.hpp>
+#include <rotavg/parallel/threads.hpp>
 
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
@@ -144,23 +146,25 @@ class RandomStart {
     using Single = LocalOperator<1>::Vectors;
     const Index n = single.num_nodes();
     Single z(static_cast<std::size_t>(n)), Mz(z);
-    const auto root = [&](Index a) { return std::sqrt(S_.graph().degree(S_.nodes()[a])); };
+    const int num_threads = S_.residuals().num_threads();
+    std::vector<double> root(z.size());
+    for (Index a = 0; a < n; ++a) root[a] = std::sqrt(S_.graph().degree(S_.nodes()[a]));
+    for (auto& block : Mz) block.setZero();
     // Between z and y = D^1/2 z.
     const auto scaled = [&](const Single& from) {
       Eigen::VectorXd y(S_.size());
-      for (Index a = 0; a < n; ++a) {
-        for (int k = 0; k < 3; ++k) y(3 * a + k) = root(a) * from[a](k);
-      }
+      parallel_for(n, num_threads, [&](Index a) {
+        for (int k = 0; k < 3; ++k) y(3 * a + k) = root[a] * from[a](k);
+      });
       return y;
     };
     const auto unscale = [&](const Eigen::VectorXd& y) {
-      for (Index a = 0; a < n; ++a) {
-        for (int k = 0; k < 3; ++k) z[a](k) = y(3 * a + k) / root(a);
-      }
+      parallel_for(n, num_threads, [&](Index a) {
+        for (int k = 0; k < 3; ++k) z[a](k) = y(3 * a + k) / root[a];
+      });
     };
     const auto apply = [&](const Eigen::VectorXd& y) {
       unscale(y);
-      for (auto& block : Mz) block.setZero();
       single.apply(z, 1.0, 0.0, 0.0, Mz);
       return scaled(Mz);
     };
@@ -174,6 +178,7 @@ class RandomStart {
     lanczos.min_iterations = 10;
     lanczos.max_iterations = static_cast<int>(
         std::min({0.25 * options_.max_products, 500.0, double(single.dimension())}));
+    lanczos.num_threads = num_threads;
     lanczos.keep_going = [&] { return goes_on(); };
     Eigen::VectorXd start = scaled(single.random(options_.seed ^ 0x1a2b3c4d));
     return smallest_ritz_value(apply, project, std::move(start), lanczos).value;

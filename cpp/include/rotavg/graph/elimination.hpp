@@ -10,6 +10,7 @@
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
+#include <rotavg/parallel/threads.hpp>
 
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
@@ -24,12 +25,18 @@ class Elimination {
   /// @param graph, components must outlive this object
   /// @param skipped so many of the component's first nodes have no rows in the matrices; without
   ///        the first, the root, a Laplacian is positive definite
+  /// @param num_threads that assemble and factorise the matrices, where there is work for them
   Elimination(const MeasurementGraph& graph, const Components& components, Index component,
-              Index skipped = 1)
-      : graph_(&graph), components_(&components), component_(component), skipped_(skipped) {}
+              Index skipped = 1, int num_threads = 1)
+      : graph_(&graph),
+        components_(&components),
+        component_(component),
+        skipped_(skipped),
+        num_threads_(num_threads) {}
 
   Index component() const { return component_; }
   Index skipped() const { return skipped_; }
+  int num_threads() const { return num_threads_; }
   /// Number of rows of blocks.
   Index size() const { return static_cast<Index>(all_nodes().size()) - skipped_; }
   /// The component's first node.
@@ -89,15 +96,19 @@ class Elimination {
                                                     OffDiagonal&& off_diagonal) {
     using Block = Eigen::Matrix<double, B, B>;
     std::vector<Block> blocks(pattern().row.size(), Block::Zero());
-    for (Index a = 0; a < size(); ++a) blocks[pattern_.start[a]] = diagonal(node(a));
-    for (const Place& place : places_) {
-      const Block block = off_diagonal(place.edge);
-      if (row_of(graph_->edges()[place.edge].i) == place.column) {
-        blocks[place.entry] += block.transpose();
-      } else {
-        blocks[place.entry] += block;
+    const double work = 10.0 * B * B * static_cast<double>(places_.size());
+    parallel_for(size(), threads_for(num_threads_, work), [&](Index a) {
+      blocks[pattern_.start[a]] = diagonal(node(a));
+      for (Index p = first_place_[a]; p < first_place_[a + 1]; ++p) {
+        const Place& place = places_[p];
+        const Block block = off_diagonal(place.edge);
+        if (row_of(graph_->edges()[place.edge].i) == place.column) {
+          blocks[place.entry] += block.transpose();
+        } else {
+          blocks[place.entry] += block;
+        }
       }
-    }
+    });
     return blocks;
   }
 
@@ -138,6 +149,7 @@ class Elimination {
     std::vector<Index> row(static_cast<std::size_t>(begin[n])), end(begin.begin(), begin.end() - 1);
     places_.clear();
     places_.reserve(row.size() - n);
+    first_place_.assign(1, 0);
     for (Index a = 0; a < n; ++a) {
       row[end[a]++] = a;
       for (const HalfEdge& h : graph_->row(node(a))) {
@@ -146,6 +158,7 @@ class Elimination {
         if (row[end[b] - 1] != a) row[end[b]++] = a;
         places_.push_back({h.edge(), end[b] - 1, b});
       }
+      first_place_.push_back(static_cast<Index>(places_.size()));
     }
     // Without the room that parallel edges would have taken.
     std::vector<Index> moved_by(static_cast<std::size_t>(n));
@@ -162,18 +175,23 @@ class Elimination {
   const MeasurementGraph* graph_;
   const Components* components_;
   Index component_, skipped_;
+  int num_threads_;
   double num_entries_ = 0.0;
   BlockPattern pattern_;
   std::vector<Place> places_;
+  std::vector<Index> first_place_;  // of every row; other rows have other entries
   std::optional<EliminationOrder> order_;
   std::shared_ptr<const SymbolicCholesky> symbolic_;
 };
 
 /// One for each component, without its root.
 inline std::vector<Elimination> grounded_eliminations(const MeasurementGraph& graph,
-                                                      const Components& components) {
+                                                      const Components& components,
+                                                      int num_threads = 1) {
   std::vector<Elimination> eliminations;
-  for (Index c = 0; c < components.size(); ++c) eliminations.emplace_back(graph, components, c);
+  for (Index c = 0; c < components.size(); ++c) {
+    eliminations.emplace_back(graph, components, c, /*skipped=*/1, num_threads);
+  }
   return eliminations;
 }
 

@@ -35,7 +35,7 @@ inline std::optional<Rotations> chordal_init(const MeasurementGraph& graph,
   for (Elimination& elimination : eliminations) {
     if (elimination.size() == 0) continue;
     if (elimination.flops(3, max_flops) > max_flops) return std::nullopt;
-    BlockCholesky<3> cholesky(elimination.symbolic());
+    BlockCholesky<3> cholesky(elimination.symbolic(), elimination.num_threads());
     if (cholesky.factorize(connection_laplacian(graph, elimination), 0.0, keep_going) !=
         CholeskyOutcome::positive_definite) {
       return std::nullopt;

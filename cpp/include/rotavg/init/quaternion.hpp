@@ -53,7 +53,7 @@ inline std::optional<Rotations> quaternion_init(const MeasurementGraph& graph,
   for (Elimination& elimination : eliminations) {
     if (elimination.size() == 0) continue;
     if (elimination.flops(4, max_flops) > max_flops) return std::nullopt;
-    BlockCholesky<4> cholesky(elimination.symbolic());
+    BlockCholesky<4> cholesky(elimination.symbolic(), elimination.num_threads());
     const auto laplacian = elimination.assemble<4>(
         [&](Index i) {
           Matrix4 block = Matrix4::Zero();

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstddef>
 #include <functional>
@@ -13,8 +14,12 @@
 
 #include <rotavg/linalg/buffer.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
+#include <rotavg/linalg/front.hpp>
 #include <rotavg/linalg/partial_cholesky.hpp>
+#include <rotavg/linalg/subtrees.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
+#include <rotavg/parallel/interruption.hpp>
+#include <rotavg/parallel/threads.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -25,33 +30,34 @@ namespace rotavg {
 /// Sparse Cholesky factorisation, P (A + shift I) P^T = L L^T, of a matrix of B x B blocks by the
 /// multifrontal method (Duff and Reid 1983; Liu 1992): supernode by supernode, children first, the
 /// entries of its columns and what its children left over are summed into a dense front, whose
-/// columns are factorised, and whose rest is left for the parent.
+/// columns are factorised, and whose rest is left for the parent. Threads share subtrees, and above
+/// them the fronts; every sum has its order, whoever computes it.
 template <int B>
 class BlockCholesky {
  public:
   using Blocks = std::vector<Eigen::Matrix<double, B, B>>;
-  using Supernode = SymbolicCholesky::Supernode;
   using MatrixView = Eigen::Map<const Eigen::MatrixXd>;
 
   /// @param symbolic the analysis of the pattern that all matrices have
-  explicit BlockCholesky(std::shared_ptr<const SymbolicCholesky> symbolic)
-      : symbolic_(std::move(symbolic)) {
-    const auto& supernodes = symbolic_->supernodes();
-    std::vector<std::size_t> left_over(supernodes.size(), 0);  // by the children
-    std::size_t size = 0, most_rows = 0, top = 0, highest = 0;
-    for (std::size_t s = 0; s < supernodes.size(); ++s) {
-      const Supernode& node = supernodes[s];
+  /// @param num_threads at most so many, where there is work for them; the result is the same
+  explicit BlockCholesky(std::shared_ptr<const SymbolicCholesky> symbolic, int num_threads = 1)
+      : symbolic_(std::move(symbolic)),
+        num_threads_(num_threads),
+        subtrees_(*symbolic_, B, num_threads),
+        fronts_(*symbolic_, subtrees_,
+                [](const Supernode& node) { return square(B * node.below.size()); }),
+        vectors_(*symbolic_, subtrees_,
+                 [](const Supernode& node) { return B * node.below.size(); }) {
+    std::size_t size = 0;
+    for (const Supernode& node : symbolic_->supernodes()) {
       panel_start_.push_back(size);
       size += B * node.rows() * (B * node.columns());
-      most_rows = std::max(most_rows, node.rows());
-      const std::size_t rest = B * node.below.size() * (B * node.below.size());
-      highest = std::max(highest, top + rest);
-      top += rest - left_over[s];
-      if (node.parent >= 0) left_over[node.parent] += rest;
+      most_rows_ = std::max(most_rows_, node.rows());
+      entries_ += static_cast<double>(node.rows()) * node.columns();
     }
     panels_ = Buffer(size);
-    stack_ = Buffer(highest);
-    front_.resize(together, B * most_rows);
+    stack_ = Buffer(fronts_.size);
+    left_over_.resize(together, vectors_.size);
   }
 
   const std::shared_ptr<const SymbolicCholesky>& symbolic() const { return symbolic_; }
@@ -67,75 +73,62 @@ class BlockCholesky {
 
   /// @param A the blocks of the lower triangle, in the order of BlockPattern::row; diagonal blocks
   ///        are symmetric
-  /// @param keep_going asked every few milliseconds; false stops
+  /// @param keep_going asked every few milliseconds, on this thread; false stops
   CholeskyOutcome factorize(const Blocks& A, double shift = 0.0,
                             const std::function<bool()>& keep_going = {}) {
-    const auto& supernodes = symbolic_->supernodes();
-    // Where each row stands in the front.
-    std::vector<Index> place(static_cast<std::size_t>(symbolic_->size()));
-    std::vector<LeftOver> left_over;  // on the stack
-    std::size_t top = 0;              // of the stack
-    if (keep_going && !keep_going()) return CholeskyOutcome::stopped;
-    for (std::size_t s = 0; s < supernodes.size(); ++s) {
-      const Supernode& node = supernodes[s];
-      const Index pivots = B * node.columns(), below = B * node.num_below();
-      const std::size_t rest_size = static_cast<std::size_t>(below) * below;
-      const Front front{panels_.data() + panel_start_[s], pivots, below, stack_.data() + top};
-      std::fill_n(front.panel, static_cast<std::size_t>(pivots) * (pivots + below), 0.0);
-      std::fill_n(front.rest, rest_size, 0.0);
-
-      Index next_place = 0;
-      for (Index k = node.begin; k < node.end; ++k) place[k] = next_place++;
-      for (const Index row : node.below) place[row] = next_place++;
-      for (Index k = node.begin; k < node.end; ++k) {
-        for (auto e = symbolic_->entries_begin(k); e != symbolic_->entries_end(k); ++e) {
-          auto target = front.block(place[e->row], place[k]);
-          if (e->transposed) {
-            target += A[e->index].transpose();
-          } else {
-            target += A[e->index];
-          }
-        }
-        if (shift != 0.0) front.block(place[k], place[k]).diagonal().array() += shift;
-      }
-      // In postorder, what the children left over is what the stack has on top.
-      std::size_t base = top;
-      for (; !left_over.empty() && left_over.back().node->parent == static_cast<Index>(s);
-           left_over.pop_back()) {
-        base = left_over.back().start;
-        front.add(left_over.back().node->below, place, stack_.data() + base);
-      }
-
-      const auto outcome = partial_cholesky_(front.panel, pivots, below, front.rest, keep_going);
-      if (outcome != CholeskyOutcome::positive_definite) return outcome;
-      // The rest takes the place of what the children left over.
-      if (base < top) std::copy_n(stack_.data() + top, rest_size, stack_.data() + base);
-      if (below > 0) left_over.push_back({&node, base});
-      top = base + rest_size;
-    }
-    return CholeskyOutcome::positive_definite;
+    Interruption interruption(keep_going);
+    if (!interruption.ask()) return CholeskyOutcome::stopped;
+    const int num_threads = threads_for(num_threads_, subtrees_.work());
+    std::atomic<CholeskyOutcome> outcome{CholeskyOutcome::positive_definite};
+    const auto eliminate = [&](Index s, PartialCholesky& dense, int threads) {
+      if (outcome != CholeskyOutcome::positive_definite) return;
+      const auto of_this = this->eliminate(s, A, shift, dense, interruption, threads);
+      if (of_this != CholeskyOutcome::positive_definite) outcome = of_this;
+    };
+    subtrees_.rise(
+        num_threads,
+        [&](const Subtrees::Range& range) {
+          PartialCholesky dense;
+          for (Index s = range.begin; s < range.end; ++s) eliminate(s, dense, 1);
+        },
+        [&, dense = PartialCholesky()](Index s) mutable { eliminate(s, dense, num_threads); },
+        [&] { interruption.ask(); });
+    return interruption.is_stopped() ? CholeskyOutcome::stopped : outcome.load();
   }
 
   /// X <- (A + shift I)^-1 X, after a factorisation that was positive definite.
   /// @param X size() rows, in the order of the nodes
   void solve_in_place(Eigen::Ref<Eigen::MatrixXd> X) {
-    const auto num_supernodes = symbolic_->supernodes().size();
+    const int num_threads = threads_for(num_threads_, 2.0 * together * B * B * entries_);
     const auto& node = symbolic_->node();
+    const auto front = [this] { return RightHandSides(together, B * most_rows_); };
     for (Eigen::Index first = 0; first < X.cols(); first += together) {
       auto columns = X.middleCols(first, std::min<Eigen::Index>(together, X.cols() - first));
       permuted_.setZero(together, X.rows());
       const auto for_each_entry = [&](auto&& f) {
-        for (Index k = 0; k < symbolic_->size(); ++k) {
+        parallel_for(symbolic_->size(), num_threads, [&](Index k) {
           for (int i = 0; i < B; ++i) {
             for (Eigen::Index t = 0; t < columns.cols(); ++t) {
               f(columns(B * node[k] + i, t), permuted_(t, B * k + i));
             }
           }
-        }
+        });
       };
       for_each_entry([](const double& given, double& entry) { entry = given; });
-      for (std::size_t s = 0; s < num_supernodes; ++s) solve_lower(s);
-      for (std::size_t s = num_supernodes; s-- > 0;) solve_upper(s);
+      subtrees_.rise(
+          num_threads,
+          [&](const Subtrees::Range& range) {
+            RightHandSides x = front();
+            for (Index s = range.begin; s < range.end; ++s) solve_lower(s, x);
+          },
+          [&, x = front()](Index s) mutable { solve_lower(s, x); }, [] {});
+      subtrees_.descend(
+          num_threads,
+          [&](const Subtrees::Range& range) {
+            RightHandSides x = front();
+            for (Index s = range.end; s-- > range.begin;) solve_upper(s, x);
+          },
+          [&, x = front()](Index s) mutable { solve_upper(s, x); });
       for_each_entry([](double& solved, const double& entry) { solved = entry; });
     }
   }
@@ -159,7 +152,7 @@ class BlockCholesky {
       for (const Index row : node.below) row_size[row] += B * node.columns();
     }
     double trace = 0.0, largest = 0.0;
-    Eigen::VectorXd root(front_.cols());  // as long as the longest column
+    Eigen::VectorXd root(B * most_rows_);  // as long as the longest column
     for (std::size_t s = 0; s < supernodes.size(); ++s) {
       const Supernode& node = supernodes[s];
       const auto rows = static_cast<Index>(node.rows());
@@ -179,62 +172,65 @@ class BlockCholesky {
   }
 
  private:
-  /// What a supernode left over for its parent: the lower triangle of a matrix with the rows below
-  /// it.
-  struct LeftOver {
-    const Supernode* node;
-    std::size_t start;  // on the stack
-  };
-
   /// Right-hand sides are solved four at a time, so that L is read once for all of them; where
   /// there are fewer, the others are zero. Their rows stand in columns.
   static constexpr int together = 4;
   using Row = Eigen::Matrix<double, together, 1>;
   using RightHandSides = Eigen::Matrix<double, together, Eigen::Dynamic>;
 
-  /// A dense front: [A11; A21] in the panel, A22 in the rest.
-  struct Front {
-    double* panel;
-    Index pivots, below;  // scalar rows
-    double* rest;
+  static std::size_t square(std::size_t size) { return size * size; }
 
-    /// Column c, such that its entry in row r stands at [r].
-    double* column(Index c) const {
-      const std::size_t height = pivots + below;
-      return c < pivots ? panel + c * height
-                        : rest + static_cast<std::size_t>(c - pivots) * below - pivots;
-    }
-    /// A block of the panel.
-    using BlockView = Eigen::Map<Eigen::Matrix<double, B, B>, 0, Eigen::OuterStride<>>;
-    BlockView block(Index row, Index column) const {
-      return BlockView(this->column(B * column) + B * row, Eigen::OuterStride<>(pivots + below));
-    }
-    /// Adds what a child left over: the lower triangle of a matrix with these rows.
-    void add(const std::vector<Index>& rows, const std::vector<Index>& place,
-             const double* child) const {
-      const std::size_t height = B * rows.size();
-      for (std::size_t c = 0; c < rows.size(); ++c) {
-        for (int k = 0; k < B; ++k, child += height) {
-          double* const target = column(B * place[rows[c]] + k);
-          for (std::size_t r = c; r < rows.size(); ++r) {
-            double* const out = target + B * place[rows[r]];
-            const double* const in = child + B * r;
-            for (int i = 0; i < B; ++i) out[i] += in[i];
-          }
+  /// Sums the front of supernode s, and factorises its columns.
+  ROTAVG_ONE_COPY CholeskyOutcome eliminate(Index s, const Blocks& A, double shift,
+                                            PartialCholesky& dense, Interruption& interruption,
+                                            int num_threads) {
+    const Supernode& node = symbolic_->supernodes()[s];
+    const Index pivots = B * node.columns(), below = B * node.num_below();
+    const Front<B> front{panels_.data() + panel_start_[s], pivots, below,
+                         stack_.data() + fronts_.front[s]};
+    const std::size_t rest_size = square(below);
+    num_threads = threads_for(num_threads, B * B * B * node.work());
+    front.set_zero(num_threads);
+    for (Index k = node.begin; k < node.end; ++k) {
+      const Index column = k - node.begin;
+      for (auto e = symbolic_->entries_begin(k); e != symbolic_->entries_end(k); ++e) {
+        auto target = front.block(e->place, column);
+        if (e->transposed) {
+          target += A[e->index].transpose();
+        } else {
+          target += A[e->index];
         }
       }
+      if (shift != 0.0) front.block(column, column).diagonal().array() += shift;
     }
-  };
+    symbolic_->for_each_child(s, [&](Index child) {
+      front.add(symbolic_->supernodes()[child].in_parent, stack_.data() + fronts_.left_over[child],
+                num_threads);
+    });
+    const auto outcome = dense(front.panel, pivots, below, front.rest, interruption, num_threads);
+    // The rest takes the place of what the children left over.
+    double* const left_over = stack_.data() + fronts_.left_over[s];
+    if (left_over != front.rest) std::copy_n(front.rest, rest_size, left_over);
+    return outcome;
+  }
 
-  /// X <- L^-1 X in the columns of one supernode, and what they take from the rows below. Two
-  /// columns at once halve the traffic of X.
-  void solve_lower(std::size_t s) {
+  /// X <- L^-1 X in the columns of one supernode, and what they take from the rows below, which is
+  /// left over for the parent. Two columns at once halve the traffic of X.
+  /// @param front room for its rows
+  ROTAVG_ONE_COPY void solve_lower(Index s, RightHandSides& front) {
     const Supernode& node = symbolic_->supernodes()[s];
     const MatrixView L = factor(s);
     const Eigen::Index pivots = L.cols(), rows = L.rows();
-    auto x = front_.leftCols(rows);
+    auto x = front.leftCols(rows);
     x.leftCols(pivots) = permuted_.middleCols(B * node.begin, pivots);
     x.rightCols(rows - pivots).setZero();
+    symbolic_->for_each_child(s, [&](Index child) {
+      const auto& places = symbolic_->supernodes()[child].in_parent;
+      auto from = left_over_.middleCols(vectors_.left_over[child], B * places.size());
+      for (std::size_t r = 0; r < places.size(); ++r) {
+        x.template middleCols<B>(B * places[r]) += from.template middleCols<B>(B * r);
+      }
+    });
     for (Eigen::Index c = 0; c < pivots; c += 2) {
       const double* const l = L.col(c).data();
       const Row x_c = x.col(c) /= l[c];
@@ -247,18 +243,15 @@ class BlockCholesky {
       for (Eigen::Index r = c + 2; r < rows; ++r) x.col(r) -= l[r] * x_c + next_l[r] * next_x;
     }
     permuted_.middleCols(B * node.begin, pivots) = x.leftCols(pivots);
-    for (Index r = 0; r < node.num_below(); ++r) {
-      permuted_.template middleCols<B>(B * node.below[r]) +=
-          x.template middleCols<B>(pivots + B * r);
-    }
+    left_over_.middleCols(vectors_.left_over[s], rows - pivots) = x.rightCols(rows - pivots);
   }
 
   /// X <- L^-T X in the columns of one supernode, where the rows below are solved.
-  void solve_upper(std::size_t s) {
+  ROTAVG_ONE_COPY void solve_upper(Index s, RightHandSides& front) {
     const Supernode& node = symbolic_->supernodes()[s];
     const MatrixView L = factor(s);
     const Eigen::Index pivots = L.cols(), rows = L.rows();
-    auto x = front_.leftCols(rows);
+    auto x = front.leftCols(rows);
     x.leftCols(pivots) = permuted_.middleCols(B * node.begin, pivots);
     for (Index r = 0; r < node.num_below(); ++r) {
       x.template middleCols<B>(pivots + B * r) =
@@ -286,11 +279,15 @@ class BlockCholesky {
   }
 
   std::shared_ptr<const SymbolicCholesky> symbolic_;
+  int num_threads_;
+  Subtrees subtrees_;
+  FrontStacks fronts_, vectors_;  // of factorisations; of solutions
   std::vector<std::size_t> panel_start_;
-  Buffer panels_;                    // of every supernode: its columns of L, column-major
-  Buffer stack_;                     // of what is left over for parents
-  RightHandSides permuted_, front_;  // of all rows, and those of one supernode
-  PartialCholesky partial_cholesky_;
+  std::size_t most_rows_ = 0;
+  double entries_ = 0.0;  // of L, in blocks
+  Buffer panels_;         // of every supernode: its columns of L, column-major
+  Buffer stack_;          // of fronts, and of what is left over for parents
+  RightHandSides permuted_, left_over_;
 };
 
 }  // namespace rotavg

@@ -8,6 +8,8 @@
 
 #include <Eigen/Core>
 
+#include <rotavg/linalg/flat.hpp>
+
 namespace rotavg {
 
 /// The smallest eigenvalue of a symmetric tridiagonal matrix and, of its unit eigenvector, the last
@@ -71,6 +73,7 @@ struct LanczosOptions {
   double relative_tolerance = 0.1;  ///< stop at residual <= relative_tolerance |value|
   int min_iterations = 20;          ///< a start may look converged by accident
   int max_iterations = 1000;
+  int num_threads = 1;
   std::function<bool()> keep_going;  ///< asked every iteration; false stops
 };
 
@@ -85,6 +88,7 @@ template <typename Operator, typename Projection>
 RitzValue smallest_ritz_value(Operator&& apply, Projection&& project, Eigen::VectorXd start,
                               const LanczosOptions& options) {
   constexpr int between_checks = 5;
+  const int num_threads = options.num_threads;
   RitzValue result;
   std::vector<double> diagonal, beside;
   Eigen::VectorXd q = start / start.norm(), last = Eigen::VectorXd::Zero(q.size());
@@ -92,11 +96,11 @@ RitzValue smallest_ritz_value(Operator&& apply, Projection&& project, Eigen::Vec
   while (static_cast<int>(diagonal.size()) < options.max_iterations) {
     if (options.keep_going && !options.keep_going()) break;
     Eigen::VectorXd next = apply(q);
-    const double a = q.dot(next);
-    next -= a * q;
-    if (!beside.empty()) next -= beside.back() * last;
+    const double a = flat_dot(q, next, num_threads);
+    flat_combine(1.0, next, -a, q, num_threads);
+    if (!beside.empty()) flat_combine(1.0, next, -beside.back(), last, num_threads);
     project(next);
-    const double b = next.norm();
+    const double b = std::sqrt(flat_dot(next, next, num_threads));
     diagonal.push_back(a);
     scale = std::max(scale, std::abs(a) + b);
     const bool exhausted = !(b > 1e-14 * scale);
@@ -111,7 +115,8 @@ RitzValue smallest_ritz_value(Operator&& apply, Projection&& project, Eigen::Vec
     }
     beside.push_back(b);
     last.swap(q);
-    q = next / b;
+    q.swap(next);
+    flat_combine(1.0 / b, q, 0.0, q, num_threads);
   }
   return result;
 }

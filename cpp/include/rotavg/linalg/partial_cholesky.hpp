@@ -3,11 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <functional>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include <rotavg/parallel/interruption.hpp>
+#include <rotavg/parallel/threads.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -27,6 +28,7 @@ enum class CholeskyOutcome { positive_definite, not_positive_definite, stopped }
 /// finished columns packed in the order in which the tiles read them. Within a block of columns a
 /// tile subtracts what the columns to its left contribute and is solved with the 3 x 3 triangle
 /// above it ("left-looking"); a finished block is then subtracted from all that is to its right.
+/// Of both, strips of rows are independent, and threads share them.
 ///
 /// An object keeps its buffers between calls.
 class PartialCholesky {
@@ -34,13 +36,13 @@ class PartialCholesky {
   /// @param panel (pivots + below) x pivots, leading dimension pivots + below: [A11; A21] in, [L11;
   ///        L21] out
   /// @param rest below x below, leading dimension below: A22 in, A22 - L21 L21^T out
-  /// @param keep_going asked after every few million operations, of this call and earlier ones;
-  ///        false stops
+  /// @param interruption asked now and then whether to go on
   /// @returns positive_definite if all pivots were positive and finite; what is not finite below
   ///          them leaves its diagonal entry in the rest NaN or -infinity. Otherwise the result is
   ///          unfinished.
   CholeskyOutcome operator()(double* panel, Index pivots, Index below, double* rest,
-                             const std::function<bool()>& keep_going = {}) {
+                             Interruption& interruption, int num_threads = 1) {
+    num_threads_ = num_threads;
     const Index stride = pivots + below;
     for (Index begin = 0; begin < pivots; begin += block) {
       const Index width = std::min(block, pivots - begin);
@@ -48,17 +50,20 @@ class PartialCholesky {
       bottom_.assign(below, width);
       double* const top = panel + at(begin, begin, stride);
       double* const bottom = panel + at(pivots, begin, stride);
-      const CholeskyOutcome outcome = factorize_block(top, bottom, stride, width, keep_going);
-      if (outcome != CholeskyOutcome::positive_definite) return outcome;
+      if (!factorize_diagonal_block(top, stride, width, interruption)) {
+        return interruption.is_stopped() ? CholeskyOutcome::stopped
+                                         : CholeskyOutcome::not_positive_definite;
+      }
       const Range right{top_, width, pivots - begin - width};  // columns of the panel that remain
       const Range rows_below{bottom_, 0, below};
-      bool finished = subtract_products(rest, below, rows_below, rows_below, keep_going);
-      if (finished && right.size > 0) {
-        finished =
-            subtract_products(top + at(width, width, stride), stride, right, right, keep_going) &&
-            subtract_products(bottom + at(0, width, stride), stride, rows_below, right, keep_going);
+      solve_rows(top + width, stride, right, width, interruption);
+      solve_rows(bottom, stride, rows_below, width, interruption);
+      subtract_products(rest, below, rows_below, rows_below, interruption);
+      if (right.size > 0) {
+        subtract_products(top + at(width, width, stride), stride, right, right, interruption);
+        subtract_products(bottom + at(0, width, stride), stride, rows_below, right, interruption);
       }
-      if (!finished) return CholeskyOutcome::stopped;
+      if (interruption.is_stopped()) return CholeskyOutcome::stopped;
     }
     return CholeskyOutcome::positive_definite;
   }
@@ -152,44 +157,6 @@ class PartialCholesky {
     }
   };
 
-  /// Asks once in a while: a question may cost as much as thousands of multiplications.
-  bool goes_on(double multiplications, const std::function<bool()>& keep_going) {
-    constexpr double between_questions = 5e6;
-    since_question_ += multiplications;
-    if (since_question_ < between_questions || !keep_going) return true;
-    since_question_ = 0.0;
-    return keep_going();
-  }
-
-  /// Factorises the first `width` columns, and packs them.
-  CholeskyOutcome factorize_block(double* top, double* bottom, Index stride, Index width,
-                                  const std::function<bool()>& keep_going) {
-    for (Index c = 0; c < width; c += tile_columns) {
-      const Index columns = std::min(tile_columns, width - c);
-      const double rows = top_.rows() - c + bottom_.rows();
-      if (!goes_on(rows * columns * (c + columns), keep_going)) return CholeskyOutcome::stopped;
-      Triangle triangle;
-      if (!factorize_diagonal(top + at(c, c, stride), stride, columns, c, triangle)) {
-        return CholeskyOutcome::not_positive_definite;
-      }
-      // The strips of rows below, beginning with the one that holds the diagonal block.
-      const double* const pivot_rows = top_.row(c);
-      for (Index s = c / tile_rows; s < top_.num_strips(); ++s) {
-        const Index first = s * tile_rows;
-        const Index done = std::max<Index>(0, c + columns - first);
-        solve_strip(top + at(first, c, stride), stride, std::min(tile_rows, top_.rows() - first),
-                    done, columns, c, triangle, top_.strip(s), pivot_rows);
-      }
-      for (Index s = 0; s < bottom_.num_strips(); ++s) {
-        const Index first = s * tile_rows;
-        solve_strip(bottom + at(first, c, stride), stride,
-                    std::min(tile_rows, bottom_.rows() - first), 0, columns, c, triangle,
-                    bottom_.strip(s), pivot_rows);
-      }
-    }
-    return CholeskyOutcome::positive_definite;
-  }
-
   /// Some of the packed rows.
   struct Range {
     PackedRows& packed;
@@ -197,23 +164,64 @@ class PartialCholesky {
     Index size;
   };
 
+  /// Factorises the rows of the diagonal block, and packs them.
+  bool factorize_diagonal_block(double* top, Index stride, Index width,
+                                Interruption& interruption) {
+    for (Index c = 0; c < width; c += tile_columns) {
+      const Index columns = std::min(tile_columns, width - c);
+      if (!interruption.goes_on(static_cast<double>(width - c) * columns * (c + columns))) {
+        return false;
+      }
+      Triangle& triangle = triangles_[c / tile_columns];
+      if (!factorize_diagonal(top + at(c, c, stride), stride, columns, c, triangle)) return false;
+      // The strips of rows below, beginning with the one that holds the diagonal block.
+      for (Index first = c / tile_rows * tile_rows; first < width; first += tile_rows) {
+        const Index done = std::max<Index>(0, c + columns - first);
+        solve_strip(top + at(first, c, stride), stride, std::min(tile_rows, width - first), done,
+                    columns, c, triangle, top_.row(first), top_.row(c));
+      }
+    }
+    return true;
+  }
+
+  /// The columns of the block in further rows, the first of which stands at A; packs them.
+  void solve_rows(double* A, Index stride, Range rows, Index width, Interruption& interruption) {
+    const double of_strip = 0.5 * tile_rows * width * width;
+    for_each_strip(rows.size, 0.5 * rows.size * width * width, [&](Index first) {
+      if (!interruption.goes_on(of_strip)) return;
+      for (Index c = 0; c < width; c += tile_columns) {
+        solve_strip(A + at(first, c, stride), stride, std::min(tile_rows, rows.size - first), 0,
+                    std::min(tile_columns, width - c), c, triangles_[c / tile_columns],
+                    rows.packed.row(rows.begin + first), top_.row(c));
+      }
+    });
+  }
+
   /// C -= A B^T, C of size A.size x B.size; only its lower triangle where A and B are the same.
-  bool subtract_products(double* C, Index stride, Range A, Range B,
-                         const std::function<bool()>& keep_going) {
+  void subtract_products(double* C, Index stride, Range A, Range B, Interruption& interruption) {
     const bool lower = &A.packed == &B.packed;
-    for (Index row = 0; row < A.size; row += tile_rows) {
+    const double of_column = static_cast<double>(tile_rows) * A.packed.depth();
+    const double all = of_column * A.packed.num_strips() * B.size;
+    for_each_strip(A.size, lower ? 0.5 * all : all, [&](Index row) {
       const Index rows = std::min(tile_rows, A.size - row);
       const Index columns = lower ? row + rows : B.size;
-      const double multiplications = static_cast<double>(columns) * tile_rows * A.packed.depth();
-      if (!goes_on(multiplications, keep_going)) return false;
+      if (!interruption.goes_on(columns * of_column)) return;
       const double* const strip = A.packed.row(A.begin + row);
       for (Index c = 0; c < columns; c += tile_columns) {
         const Tile tile(strip, B.packed.row(B.begin + c), A.packed.depth());
         tile.subtract_from(C + at(row, c, stride), stride, rows,
                            std::min(tile_columns, B.size - c));
       }
-    }
-    return true;
+    });
+  }
+
+  /// Calls f for the first row of every strip of so many rows, on as many threads as the work is
+  /// worth; the last strips, which may be longest, first.
+  template <typename Function>
+  void for_each_strip(Index rows, double multiplications, Function&& f) {
+    const Index strips = (rows + tile_rows - 1) / tile_rows;
+    parallel_for(strips, threads_for(num_threads_, multiplications),
+                 [&](Index k) { f((strips - 1 - k) * tile_rows); });
   }
 
   /// Subtracts from a diagonal block what the columns before c contribute, and factorises it.
@@ -279,7 +287,8 @@ class PartialCholesky {
   }
 
   PackedRows top_, bottom_;
-  double since_question_ = 0.0;  // multiplications
+  Triangle triangles_[block / tile_columns];  // of the diagonal block
+  int num_threads_ = 1;
 };
 
 }  // namespace rotavg

@@ -9,6 +9,7 @@
 
 #include <amd.h>
 
+#include <rotavg/linalg/supernodes.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -59,46 +60,54 @@ inline EliminationOrder approximate_minimum_degree(const BlockPattern& pattern) 
 /// Columns are counted in the order of elimination: column k is that of node order.node[k].
 class SymbolicCholesky {
  public:
-  struct Supernode {
-    Index begin = 0, end = 0;  ///< columns
-    Index parent = -1;         ///< supernode, -1 for a root
-    std::vector<Index> below;  ///< further rows, rising
-
-    Index columns() const { return end - begin; }
-    Index num_below() const { return static_cast<Index>(below.size()); }
-    std::size_t rows() const { return below.size() + (end - begin); }
-  };
+  using Supernode = rotavg::Supernode;
   /// An entry of the pattern in the column where it is eliminated.
   struct Entry {
     Index index;      ///< in pattern.row
-    Index row;        ///< not above the column
+    Index place;      ///< of its row among the rows of the supernode; not above the column
     bool transposed;  ///< whether the pattern holds it as the block (column, row)
   };
 
   SymbolicCholesky(const BlockPattern& pattern, EliminationOrder order)
       : node_(std::move(order.node)) {
     // Postordered, each subtree of the elimination tree is a range of columns.
-    eliminate(pattern);
-    const std::vector<Index> post = postorder();
-    std::vector<Index> node(node_.size());
-    for (std::size_t k = 0; k < node.size(); ++k) node[k] = node_[post[k]];
-    node_ = std::move(node);
-    eliminate(pattern);
+    sort_entries(pattern);
+    find_parents();
+    reorder(postorder(parent_));
+    sort_entries(pattern);
+    find_parents();
     find_supernodes();
     find_rows();
+    if (auto other = rooted_in_the_middle(supernodes_)) {
+      supernodes_ = std::move(other->supernodes);
+      reorder(other->columns);
+      sort_entries(pattern);
+      find_rows();
+    }
   }
 
   Index size() const { return static_cast<Index>(node_.size()); }
   /// (n,) the node of each column.
   const std::vector<Index>& node() const { return node_; }
   const std::vector<Supernode>& supernodes() const { return supernodes_; }
+  /// Calls f with the children of supernode s, the last first.
+  template <typename Function>
+  void for_each_child(Index s, Function&& f) const {
+    rotavg::for_each_child(supernodes_, s, f);
+  }
   const Entry* entries_begin(Index column) const { return entries_.data() + start_[column]; }
   const Entry* entries_end(Index column) const { return entries_.data() + start_[column + 1]; }
 
  private:
-  /// Places the entries in their columns, and finds the parent of every column: the first row below
-  /// the diagonal in its column of L.
-  void eliminate(const BlockPattern& pattern) {
+  void reorder(const std::vector<Index>& columns) {
+    std::vector<Index> node;
+    node.reserve(node_.size());
+    for (const Index k : columns) node.push_back(node_[k]);
+    node_ = std::move(node);
+  }
+
+  /// Sorts the entries into their columns. (Entry::place is the row itself until find_rows.)
+  void sort_entries(const BlockPattern& pattern) {
     const Index n = size();
     std::vector<Index> column_of(static_cast<std::size_t>(n));
     for (Index k = 0; k < n; ++k) column_of[node_[k]] = k;
@@ -114,7 +123,7 @@ class SymbolicCholesky {
     };
     for_each_entry([&](const Entry& entry, Index column) {
       ++start_[column + 1];
-      ++rows_start_[entry.row + 1];
+      ++rows_start_[entry.place + 1];
     });
     for (Index k = 0; k < n; ++k) {
       start_[k + 1] += start_[k];
@@ -126,12 +135,15 @@ class SymbolicCholesky {
     std::vector<Index> next_in_row(rows_start_.begin(), rows_start_.end() - 1);
     for_each_entry([&](const Entry& entry, Index column) {
       entries_[next[column]++] = entry;
-      rows_[next_in_row[entry.row]++] = column;
+      rows_[next_in_row[entry.place]++] = column;
     });
+  }
 
-    parent_.assign(static_cast<std::size_t>(n), -1);
+  /// The parent of every column: the first row below the diagonal in its column of L.
+  void find_parents() {
+    parent_.assign(node_.size(), -1);
     std::vector<Index> ancestor(parent_);
-    for (Index k = 0; k < n; ++k) {
+    for (Index k = 0; k < size(); ++k) {
       for (Index e = rows_start_[k]; e < rows_start_[k + 1]; ++e) {
         for (Index i = rows_[e]; i != -1 && i < k;) {
           const Index up = std::exchange(ancestor[i], k);
@@ -140,32 +152,6 @@ class SymbolicCholesky {
         }
       }
     }
-  }
-
-  /// Children before parents, subtree by subtree.
-  std::vector<Index> postorder() const {
-    const Index n = size();
-    std::vector<Index> first_child(static_cast<std::size_t>(n), -1), sibling(first_child);
-    for (Index k = n - 1; k >= 0; --k) {
-      if (parent_[k] >= 0) sibling[k] = std::exchange(first_child[parent_[k]], k);
-    }
-    std::vector<Index> order, stack;
-    order.reserve(static_cast<std::size_t>(n));
-    for (Index root = 0; root < n; ++root) {
-      if (parent_[root] >= 0) continue;
-      stack.push_back(root);
-      while (!stack.empty()) {
-        const Index k = stack.back();
-        if (first_child[k] >= 0) {
-          stack.push_back(std::exchange(first_child[k], -1));
-          continue;
-        }
-        stack.pop_back();
-        order.push_back(k);
-        if (sibling[k] >= 0) stack.push_back(sibling[k]);
-      }
-    }
-    return order;
   }
 
   /// Number of rows below the diagonal in every column of L: column i has row k if it lies on a
@@ -218,7 +204,7 @@ class SymbolicCholesky {
       }
       blocks.push_back(block);
     }
-    supernodes_.resize(blocks.size());
+    supernodes_.assign(blocks.size(), {});
     for (std::size_t s = 0; s < blocks.size(); ++s) {
       supernodes_[s].begin = blocks[s].begin;
       supernodes_[s].end = blocks[s].end;
@@ -227,28 +213,42 @@ class SymbolicCholesky {
 
   /// The rows of a supernode: those of its entries and those of its children.
   void find_rows() {
-    std::vector<Index> supernode_of(static_cast<std::size_t>(size())), visited(supernode_of);
+    std::vector<Index> supernode_of(static_cast<std::size_t>(size())), place(supernode_of);
     const auto num_supernodes = static_cast<Index>(supernodes_.size());
     for (Index s = 0; s < num_supernodes; ++s) {
       for (Index k = supernodes_[s].begin; k < supernodes_[s].end; ++k) supernode_of[k] = s;
     }
-    visited.assign(visited.size(), -1);
-    std::vector<std::vector<Index>> children(supernodes_.size());
+    std::vector<Index> visited(place.size(), -1);
     for (Index s = 0; s < num_supernodes; ++s) {
       Supernode& node = supernodes_[s];
+      // In postorder the subtrees of its children stand before it, the last child's last.
+      node.first = s;
+      while (node.first > 0 && supernodes_[node.first - 1].parent == s) {
+        node.first = supernodes_[node.first - 1].first;
+      }
+      for (const Index row : node.below) visited[row] = s;  // known already
       const auto add = [&](Index row) {
         if (row >= node.end && std::exchange(visited[row], s) != s) node.below.push_back(row);
       };
-      for (Index k = node.begin; k < node.end; ++k) {
-        for (const Entry* e = entries_begin(k); e != entries_end(k); ++e) add(e->row);
-      }
-      for (const Index child : children[s]) {
+      const Entry* const begin = entries_begin(node.begin);
+      for (const Entry* e = begin; e != entries_end(node.end - 1); ++e) add(e->place);
+      for_each_child(s, [&](Index child) {
         for (const Index row : supernodes_[child].below) add(row);
-      }
+      });
       std::sort(node.below.begin(), node.below.end());
-      if (node.below.empty()) continue;
-      node.parent = supernode_of[node.below.front()];
-      children[node.parent].push_back(s);
+      if (!node.below.empty()) node.parent = supernode_of[node.below.front()];
+
+      Index next = 0;
+      for (Index k = node.begin; k < node.end; ++k) place[k] = next++;
+      for (const Index row : node.below) place[row] = next++;
+      for (Index e = start_[node.begin]; e < start_[node.end]; ++e) {
+        entries_[e].place = place[entries_[e].place];
+      }
+      for_each_child(s, [&](Index child) {
+        for (const Index row : supernodes_[child].below) {
+          supernodes_[child].in_parent.push_back(place[row]);
+        }
+      });
     }
   }
 

@@ -1,38 +1,60 @@
 #pragma once
 
 #include <algorithm>
+#include <thread>
 
-#ifdef _OPENMP
-#include <omp.h>
+#ifdef __linux__
+#include <sched.h>
 #endif
 
+#include <rotavg/parallel/team.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
 
-/// Number of threads to use for a request: a positive number as it is, anything else for all
-/// processors of this process; but only one for every 8192 items to work on: less work takes less
-/// time than threads take to meet, above all where others use the processors as well.
-inline int resolve_num_threads(int requested, Index num_items) {
-  constexpr Index worthwhile = 8192;
-#ifdef _OPENMP
-  const int wanted = requested > 0 ? requested : omp_get_num_procs();
-#else
-  const int wanted = requested > 0 ? requested : 1;
+/// Number of threads for a request: a positive number as it is, anything else for all processors
+/// of this process.
+inline int resolve_num_threads(int requested) {
+  if (requested > 0) return requested;
+#ifdef __linux__
+  cpu_set_t processors;
+  if (sched_getaffinity(0, sizeof processors, &processors) == 0) return CPU_COUNT(&processors);
 #endif
-  return std::max(1, std::min(wanted, num_items / worthwhile));
+  return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
-/// Calls f(k) for k = 0 … count-1, in any order, on `num_threads` threads. Calls must not depend on
-/// one another and must not throw.
+/// As many of the threads as some work is worth, in multiplications or what takes as long: less
+/// takes less time than threads take to meet.
+inline int threads_for(int num_threads, double work) {
+  constexpr double worthwhile = 5e5;
+  return static_cast<int>(std::clamp(work / worthwhile, 1.0, std::max(1.0, 1.0 * num_threads)));
+}
+
+/// Multiplications that take about as long as reading one edge at one end.
+constexpr double work_of_pass = 30.0;
+
+/// The same for passes over so many edges.
+inline int resolve_num_threads(int requested, Index num_edges) {
+  return threads_for(resolve_num_threads(requested), 2.0 * work_of_pass * num_edges);
+}
+
+/// Calls f(k) for k = 0 … count-1, in any order, on at most `num_threads` threads. Calls must not
+/// depend on one another and must not throw.
 template <typename Function>
 void parallel_for(Index count, int num_threads, Function&& f) {
-#ifdef _OPENMP
-#pragma omp parallel for schedule(static) num_threads(num_threads) if (num_threads > 1)
-#else
-  (void)num_threads;
-#endif
-  for (Index k = 0; k < count; ++k) f(k);
+  // More parts than threads: who comes late, or is held up, takes fewer.
+  const int parts_each = num_threads > 1 ? 6 : 1;
+  const Index parts = std::min(count, parts_each * std::max(num_threads, 1));
+  const auto begin_of = [&](Index part) {
+    return static_cast<Index>(static_cast<long long>(count) * part / parts);
+  };
+  Team::mine().run(
+      parts, num_threads,
+      [&](Index part) {
+        const Index end = begin_of(part + 1);
+        for (Index k = begin_of(part); k < end; ++k) f(k);
+      },
+      [] {});
 }
 
 }  // namespace rotavg

@@ -8,6 +8,7 @@
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/problem/sums_at_nodes.hpp>
 #include <rotavg/so3/lanes.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
@@ -40,6 +41,12 @@ class DavenportSum {
     same_ += p * p;
     next_ += p * Lanes{p[1], p[2], p[3], p[0]};
     opposite_ += p * Lanes{p[2], p[3], p[0], p[1]};
+  }
+  DavenportSum& operator+=(const DavenportSum& other) {
+    same_ += other.same_;
+    next_ += other.next_;
+    opposite_ += other.opposite_;
+    return *this;
   }
   Matrix4 matrix() const {
     Matrix4 K;
@@ -94,9 +101,18 @@ class DavenportMatrices {
   /// Moves to other rotations.
   void update(const Quaternions& q) {
     const MeasurementGraph& graph = *graph_;
+    const auto& edges = graph.quaternion_edges();
+    const auto K = sums_at_nodes<DavenportSum>(
+        graph, num_threads_,
+        [&](const HalfEdge& h, DavenportSum& sum) { sum.add(q[h.node], h.node_from_l); },
+        [&](Index k, DavenportSum& at_i, DavenportSum& at_j) {
+          const QuaternionEdge& e = edges[k];
+          at_i.add(q[e.j], e.i_from_j.conjugate());
+          at_j.add(q[e.i], e.i_from_j);
+        });
     const auto sums = block_sum<Sums>(graph.num_nodes(), num_threads_, [&](Index l) {
       if (graph.row(l).size() == 0) return Sums{};
-      K_[l] = davenport_matrix(graph, q, l);
+      K_[l] = K[l].matrix();
       const Vector4 Kq = K_[l] * q[l].coeffs();
       // 8 (K q) q^-1: the vector part is minus the gradient
       const double norm = 8.0 * product(Quaternion(Kq), q[l].conjugate()).head<3>().norm();

@@ -10,6 +10,7 @@
 #include <rotavg/graph/laplacian.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
+#include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/hessian.hpp>
 
 namespace rotavg {
@@ -37,7 +38,8 @@ class LaplacianMetric {
     factors_.clear();
     for (Elimination& elimination : eliminations_) {
       if (elimination.size() == 0) continue;
-      factors_.push_back({&elimination, BlockCholesky<1>(elimination.symbolic())});
+      factors_.push_back(
+          {&elimination, BlockCholesky<1>(elimination.symbolic(), elimination.num_threads())});
       const auto outcome = factors_.back().cholesky.factorize(
           grounded_laplacian(graph_, elimination), 0.0, keep_going);
       if (outcome != CholeskyOutcome::positive_definite) return outcome;
@@ -51,13 +53,17 @@ class LaplacianMetric {
     for (Factor& factor : factors_) {
       const Elimination& elimination = *factor.elimination;
       free_.resize(elimination.size(), 3);
-      for (Index a = 0; a < elimination.size(); ++a) {
+      const auto for_each_row = [&](auto&& f) {
+        parallel_for(elimination.size(),
+                     threads_for(elimination.num_threads(), 5.0 * elimination.size()), f);
+      };
+      for_each_row([&](Index a) {
         for (int c = 0; c < 3; ++c) free_(a, c) = 0.25 * v(elimination.node(a), c);
-      }
+      });
       factor.cholesky.solve_in_place(free_);
-      for (Index a = 0; a < elimination.size(); ++a) {
+      for_each_row([&](Index a) {
         for (int c = 0; c < 3; ++c) result(elimination.node(a), c) = free_(a, c);
-      }
+      });
     }
   }
 

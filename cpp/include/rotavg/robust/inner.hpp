@@ -46,17 +46,17 @@ inline InnerSteps inner_steps(const MeasurementGraph& graph, Method method, int 
   if (method == Method::automatic && degree > sparse_degree) return sweeps;
 
   struct Workspace {
-    explicit Workspace(const MeasurementGraph& g)
+    Workspace(const MeasurementGraph& g, int threads)
         : weighted(g),
           components(connected_components(g)),
-          eliminations(grounded_eliminations(g, components)),
+          eliminations(grounded_eliminations(g, components, threads)),
           metric(weighted, eliminations) {}
     MeasurementGraph weighted;
     Components components;
     std::vector<Elimination> eliminations;
     LaplacianMetric metric;
   };
-  const auto workspace = std::make_shared<Workspace>(graph);
+  const auto workspace = std::make_shared<Workspace>(graph, num_threads);
   if (method == Method::automatic && workspace->metric.flops(max_flops) > max_flops) return sweeps;
   IterationOptions options;
   options.tolerance = 0.0;

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <utility>
 
+#include <rotavg/graph/coloring.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/davenport.hpp>
@@ -63,14 +64,21 @@ IterationResult accelerate(const MeasurementGraph& graph, const Rotations& R, Mo
 /// twice as many sweeps in one direction.
 ///
 /// @param R the initial value, world_from_i, one rotation per node
+/// @param coloring of the nodes, in whose order sweeps go; by default they go in that of the nodes
 inline IterationResult accelerated_bcd(const MeasurementGraph& graph, const Rotations& R,
-                                       const IterationOptions& options = {}) {
+                                       const IterationOptions& options = {},
+                                       const Coloring* coloring = nullptr) {
   Monitor monitor(graph, R, options);
   const auto step = [&](const Quaternions& from, const ResidualQuaternions&, Quaternions& next,
                         ResidualQuaternions& after) {
     next = from;
-    bcd_sweep(graph, next, monitor, SweepOrder::rising);
-    bcd_sweep(graph, next, monitor, SweepOrder::falling);
+    for (const SweepOrder order : {SweepOrder::rising, SweepOrder::falling}) {
+      if (coloring) {
+        bcd_sweep(graph, *coloring, next, monitor, order);
+      } else {
+        bcd_sweep(graph, next, monitor, order);
+      }
+    }
     after.update(next);
   };
   const auto measure = [](const Quaternions& from, const Quaternions& to) {

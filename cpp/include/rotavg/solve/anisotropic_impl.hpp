@@ -122,7 +122,8 @@ ROTAVG_INLINE IterationResult refine_anisotropic(const MeasurementGraph& graph,
                                 " information matrices; expected one for each edge");
   }
   const Components components = connected_components(graph);
-  std::vector<Elimination> eliminations = grounded_eliminations(graph, components);
+  std::vector<Elimination> eliminations =
+      grounded_eliminations(graph, components, resolve_num_threads(options.num_threads));
   Monitor monitor(graph, R, options);
   double step = 0.0;
   bool settled = false;
@@ -133,7 +134,7 @@ ROTAVG_INLINE IterationResult refine_anisotropic(const MeasurementGraph& graph,
     NodeVectors w = NodeVectors::Zero(graph.num_nodes(), 3);
     for (Elimination& elimination : eliminations) {
       if (elimination.size() == 0) continue;
-      BlockCholesky<3> cholesky(elimination.symbolic());
+      BlockCholesky<3> cholesky(elimination.symbolic(), elimination.num_threads());
       const auto outcome =
           cholesky.factorize(at_R.hessian(elimination), 0.0, [&] { return monitor.keep_going(); });
       if (outcome != CholeskyOutcome::positive_definite) continue;  // rounding, or stopped

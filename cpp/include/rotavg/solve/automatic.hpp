@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include <rotavg/graph/coloring.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/problem/laplacian_metric.hpp>
@@ -62,8 +64,8 @@ inline IterationOptions remaining(const IterationOptions& options, const Iterati
 /// - On others the sweeps are watched; if at their rate many more would be needed, Newton's method
 ///   takes over; where the Laplacian is too large to factor, accelerated sweeps. On dense graphs,
 ///   where all nodes at once converge as quickly as one after the other, the sweeps are those of
-///   SUM, which reads the measurements once for the step, the objective and the gradient, and uses
-///   all threads.
+///   SUM, which reads the measurements once for the step, the objective and the gradient. On those
+///   between they go by colours, so that all threads are of use.
 ///
 /// @param eliminations of all components, without their roots
 /// @param given whether R is the caller's: only then are the sweeps left out where the gradient is
@@ -114,7 +116,10 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     slow = sparse || (options.stop == StopRule::gradient && !(rate < 1.0 && sweeps <= patience));
     return !slow;
   };
-  IterationResult result = dense ? sum(graph, R, watched) : bcd(graph, R, watched);
+  std::optional<Coloring> coloring;
+  if (!sparse && !dense) coloring = greedy_coloring(graph);
+  IterationResult result =
+      dense ? sum(graph, R, watched) : bcd(graph, R, watched, coloring ? &*coloring : nullptr);
   if (result.status != Status::stopped || !slow) {
     if (result.iterations == 0 && is_converged(result.status)) {
       line("the start was stationary");
@@ -137,7 +142,8 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   } else {
     method = Method::bcd;
     line("bcd, accelerated: the Laplacian is too large to factor (", flops, " operations)");
-    append(result, accelerated_bcd(graph, start, rest));
+    if (!coloring) coloring = greedy_coloring(graph);
+    append(result, accelerated_bcd(graph, start, rest, &*coloring));
   }
   return result;
 }

@@ -3,7 +3,10 @@
 #include <cmath>
 #include <utility>
 
+#include <rotavg/graph/coloring.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/parallel/reduce.hpp>
+#include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/davenport.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/so3/loso_quaternion.hpp>
@@ -41,6 +44,29 @@ inline double bcd_sweep(const MeasurementGraph& graph, Quaternions& q, const Mon
   return step;
 }
 
+/// The same by colours: the nodes of one at once, which gives what one after the other would.
+inline double bcd_sweep(const MeasurementGraph& graph, const Coloring& coloring, Quaternions& q,
+                        const Monitor& monitor, SweepOrder order = SweepOrder::rising) {
+  double step = 0.0;
+  for (Index k = 0; k < coloring.num_colors() && monitor.keep_going(); ++k) {
+    const Index c = order == SweepOrder::rising ? k : coloring.num_colors() - 1 - k;
+    const Index* const nodes = coloring.node.data() + coloring.start[c];
+    const Index size = coloring.start[c + 1] - coloring.start[c];
+    const double share = static_cast<double>(size) / graph.num_nodes();
+    const int num_threads =
+        threads_for(monitor.num_threads(), share * work_of_pass * 2.0 * graph.num_edges());
+    step += block_sum<double>(size, num_threads, [&](Index a) {
+      const Index l = nodes[a];
+      if (graph.row(l).size() == 0) return 0.0;
+      const Quaternion q_l = loso(davenport_matrix(graph, q, l), q[l]);  // (10), (11)
+      const double distance = chordal_distance(q_l, q[l]) / std::sqrt(3.0);
+      q[l] = q_l;
+      return distance;
+    });
+  }
+  return step;
+}
+
 /// Block coordinate descent (Algorithm 2). With all other rotations fixed, the objective (8) is
 /// linear in R_l, -tr(R Rt R^T) = 2 tr(A_l R_l) + const (10), (11), and LOSO minimises it. One
 /// iteration is a sweep over all nodes. The objective falls with every block, and every limit point
@@ -48,17 +74,19 @@ inline double bcd_sweep(const MeasurementGraph& graph, Quaternions& q, const Mon
 ///
 /// Each A_l uses the newest values, including those of the running sweep. (The paper's listing
 /// names R^(t-1) for all k, which would be Jacobi's method and need not descend.) A sweep is
-/// serial.
+/// serial, but by colours.
 ///
 /// @param R the initial value, world_from_i, one rotation per node
+/// @param coloring of the nodes, in whose order sweeps go; by default they go in that of the nodes
 inline IterationResult bcd(const MeasurementGraph& graph, const Rotations& R,
-                           const IterationOptions& options = {}) {
+                           const IterationOptions& options = {},
+                           const Coloring* coloring = nullptr) {
   Monitor monitor(graph, R, options);
   Quaternions q = to_quaternions(R);
   ResidualQuaternions residuals(graph, q, monitor.num_threads());
   double step = 0.0;
   while (!monitor.should_stop(residuals.objective(), residuals.gradient_norm(), step)) {
-    step = bcd_sweep(graph, q, monitor);
+    step = coloring ? bcd_sweep(graph, *coloring, q, monitor) : bcd_sweep(graph, q, monitor);
     residuals.update(q);
   }
   return std::move(monitor).result(to_rotations(q, R));

@@ -32,7 +32,7 @@ class ConnectionMetric {
                    const std::function<bool()>& keep_going)
       : problem_(problem) {
     if (elimination.flops(3, max_flops) > max_flops) return;
-    cholesky_.emplace(elimination.symbolic());
+    cholesky_.emplace(elimination.symbolic(), elimination.num_threads());
     const auto outcome = cholesky_->factorize(
         connection_laplacian(problem.residuals(), elimination), 0.0, keep_going);
     if (outcome != CholeskyOutcome::positive_definite) cholesky_.reset();
@@ -87,6 +87,7 @@ inline LiftedResult lifted_newton(const LiftedProblem& problem, ConnectionMetric
     }
     const LiftedBlocks& V = newton_direction(
         at.gradient, std::min(0.1, std::sqrt(at.relative_gradient)), max_cg_steps,
+        problem.residuals().num_threads(),
         [&](const LiftedBlocks& p, LiftedBlocks& Hp) { Hp = problem.hessian(at, p); },
         [&](const LiftedBlocks& r, LiftedBlocks& z) {
           z = 0.5 * metric.apply(r);

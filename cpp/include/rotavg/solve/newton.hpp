@@ -63,7 +63,7 @@ inline IterationResult newton(const MeasurementGraph& graph, const Rotations& R,
     });
     const double forcing = std::min(0.1, std::sqrt(monitor.relative_gradient()));
     const NodeVectors& w = newton_direction(
-        g, forcing, max_cg_steps,
+        g, forcing, max_cg_steps, num_threads,
         [&](const NodeVectors& p, NodeVectors& Hp) { apply_hessian(residuals, p, Hp); },
         [&](const NodeVectors& r, NodeVectors& z) { metric.apply(r, z); });
     const double slope = flat_dot(g, w), f = residuals.objective();
@@ -94,7 +94,8 @@ inline IterationResult newton(const MeasurementGraph& graph, const Rotations& R,
 inline IterationResult newton(const MeasurementGraph& graph, const Rotations& R,
                               const IterationOptions& options = {}) {
   const Components components = connected_components(graph);
-  std::vector<Elimination> eliminations = grounded_eliminations(graph, components);
+  std::vector<Elimination> eliminations =
+      grounded_eliminations(graph, components, resolve_num_threads(options.num_threads));
   LaplacianMetric metric(graph, eliminations);
   return newton(graph, R, metric, options);
 }

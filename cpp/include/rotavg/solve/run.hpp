@@ -45,7 +45,8 @@ class SolveRun {
         options_(options),
         gravity_(std::move(gravity)),
         components_(connected_components(graph)),
-        eliminations_(grounded_eliminations(graph, components_)),
+        eliminations_(grounded_eliminations(graph, components_,
+                                            resolve_num_threads(options.iteration.num_threads))),
         lower_bounds_(components_.nodes.size()),
         keep_going_([this] {
           return time_left() > 0.0 &&

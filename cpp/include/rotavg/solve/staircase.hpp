@@ -99,7 +99,8 @@ class Staircase {
   LowerBound lower_bound() {
     const NodeSums sums(residuals_, diagonal());
     const CertificateMatrix S = certificate_matrix(sums);
-    const ComponentBound bound = bound_certificate_matrix(S, max_flops_, keep_going_);
+    const ComponentBound bound =
+        bound_certificate_matrix(S, max_flops_, keep_going_, residuals_.num_threads());
     const double value = at_.objective - bound.gap -
                          objective_rounding(residuals_.graph().total_weight(), at_.objective);
     if (!(value > 0.0)) return {};

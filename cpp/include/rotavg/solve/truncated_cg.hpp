@@ -15,26 +15,26 @@ class TruncatedCg {
   /// @param apply_hessian `apply_hessian(p, Hp)`
   /// @param precondition `precondition(r, z)`: z = P r, with P positive definite where it matters
   template <typename Hessian, typename Preconditioner>
-  const Vectors& operator()(const Vectors& g, double forcing, int max_steps,
+  const Vectors& operator()(const Vectors& g, double forcing, int max_steps, int num_threads,
                             Hessian&& apply_hessian, Preconditioner&& precondition) {
     w_.setZero(g.rows(), g.cols());
     r_ = g;  // H w + g
     precondition(r_, z_);
     p_.setZero(g.rows(), g.cols());
-    flat_combine(0.0, p_, -1.0, z_);
-    double rz = flat_dot(r_, z_);
+    flat_combine(0.0, p_, -1.0, z_, num_threads);
+    double rz = flat_dot(r_, z_, num_threads);
     const double enough = forcing * forcing * rz;
     for (int k = 0; k < max_steps; ++k) {
       apply_hessian(p_, Hp_);
-      const double curvature = flat_dot(p_, Hp_);
+      const double curvature = flat_dot(p_, Hp_, num_threads);
       if (!(curvature > 0.0)) return k == 0 ? p_ : w_;
       const double alpha = rz / curvature;
-      flat_combine(1.0, w_, alpha, p_);
-      flat_combine(1.0, r_, alpha, Hp_);
+      flat_combine(1.0, w_, alpha, p_, num_threads);
+      flat_combine(1.0, r_, alpha, Hp_, num_threads);
       precondition(r_, z_);
-      const double rz_next = flat_dot(r_, z_);
+      const double rz_next = flat_dot(r_, z_, num_threads);
       if (!(rz_next > enough)) break;
-      flat_combine(rz_next / rz, p_, -1.0, z_);
+      flat_combine(rz_next / rz, p_, -1.0, z_, num_threads);
       rz = rz_next;
     }
     return w_;

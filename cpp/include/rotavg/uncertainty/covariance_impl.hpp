@@ -46,7 +46,8 @@ class ComponentCovariances {
                        const CovarianceOptions& options)
       : residuals_(residuals),
         components_(components),
-        elimination_(residuals.graph(), components, component),
+        elimination_(residuals.graph(), components, component, /*skipped=*/1,
+                     resolve_num_threads(options.num_threads)),
         anisotropic_(anisotropic),
         options_(options),
         scale_((anisotropic ? 2.0 : 4.0) * options.noise_variance) {
@@ -70,7 +71,7 @@ class ComponentCovariances {
     auto H = anisotropic_ ? anisotropic_->hessian(elimination_)
                           : hessian_blocks(residuals_, elimination_);
     hold_turns(H);
-    BlockCholesky<3> cholesky(elimination_.symbolic());
+    BlockCholesky<3> cholesky(elimination_.symbolic(), elimination_.num_threads());
     switch (cholesky.factorize(H, 0.0, keep_going)) {
       case CholeskyOutcome::not_positive_definite:
         return CovarianceStatus::not_a_minimum;
