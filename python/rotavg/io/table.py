@@ -41,6 +41,7 @@ class Table:
         numbers: (m, ...) of the rotations; finite.
         weights: (m,); None without such a column.
         components: (m,) labels; None without such a column.
+        covariances: (m, 3, 3); None without such columns.
         lines: (m,) the line of each row.
     """
 
@@ -49,6 +50,7 @@ class Table:
     numbers: NDArray[np.float64]
     weights: NDArray[np.float64] | None
     components: list[bytes] | None
+    covariances: NDArray[np.float64] | None
     lines: list[int]
 
     def matrices(self, path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
@@ -232,11 +234,20 @@ def _table(path: Path, fields: list[list[bytes]], lines: list[int], layout: Layo
     check_finite(path, table, lines)
     size = len(layout.rotation)
     label = layout.component
+    spread = table[:, size : size + len(layout.covariance)]
     return Table(
         layout=layout,
         ids=[row[place] for row in fields for place in layout.ids],
         numbers=table[:, :size],
-        weights=table[:, size] if layout.weight is not None else None,
+        weights=table[:, -1] if layout.weight is not None else None,
         components=None if label is None else [row[label] for row in fields],
+        covariances=spread[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+        if spread.size
+        else None,
         lines=lines,
     )
+
+
+def _symmetric(upper: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m, 3, 3) from upper triangles (m, 6), row by row."""
+    return upper[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)

@@ -1,6 +1,6 @@
 """Plain text: one edge per line, pose family if not told otherwise.
 
-    i j qx qy qz qw [weight]
+    i j qx qy qz qw [weight] [cxx cxy cxz cyy cyz czz]
 
 The fields are separated by white space or commas, # begins a comment, and the first line may be
 a header of these words. R_ij = i_from_j, so that R_i R_ij = R_j with R_i = world_from_i.
@@ -24,6 +24,7 @@ from rotavg.graph.ids import as_edges, edge_error
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import TOLERANCE, nearest_rotation
 from rotavg.io.absolute import QUATERNION, AbsoluteRotations, RotationReader, distinct, labels_of
+from rotavg.io.columns import COVARIANCE
 from rotavg.io.fields import Row, Rows, is_header, split, title_words
 from rotavg.io.lines import content_lines, exactly, ids_of, is_number, plain_name
 from rotavg.io.registry import (
@@ -69,6 +70,7 @@ def read_edges(path: Path, data: bytes, rows: Rows, options: ReadOptions) -> Mea
             matrices,
             None if options.unit_weights else table.weights,
             **options.of_graph,
+            covariances=None if options.unit_weights else table.covariances,
             notes=notes,
             tolerance=MATRIX_TOLERANCE if table.layout.kind == "matrix" else TOLERANCE,
         )
@@ -87,6 +89,10 @@ def write_rows(
         title, header = "measurement graph", HEADER
         quaternions = quaternions_from_matrices(item.rotations)
         columns = np.column_stack([quaternions, item.weights])
+        if item.covariances is not None:
+            header += COVARIANCE
+            upper = item.covariances[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+            columns = np.column_stack([columns, upper])
         ids, nodes = item.edges, item.nodes
     else:
         title, header = "rotations", SOLUTION_HEADER
@@ -169,5 +175,6 @@ TEXT = Format(
     has_isolated=False,
     any_convention=True,
     has_components=True,
+    has_covariances=True,
     rotations=RotationReader(SOLUTION_HEADER, read_text_rotations, recognises=_has_solution_header),
 )
