@@ -206,8 +206,8 @@ def sdp(runs: int) -> None:
             tight += 1
         else:
             refuted += 1
-    print(f"{runs} graphs: {proved} proved, {tight} more are tight by the relaxation, {refuted} are "
-          f"not; our bounds are at most {worst:.2f} of the solver's error above it")  # fmt: skip
+    print(f"{runs} graphs: {proved} proved, {tight} more are tight by the relaxation, {refuted} "
+          f"are not; our bounds lie at most {worst:.2f} of its error above")  # fmt: skip
 
 
 def main() -> None:
