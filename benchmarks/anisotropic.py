@@ -133,7 +133,7 @@ def factor(runs: int) -> None:
     for ratio in RATIOS[1:]:
         _, truth = simulated(np.random.default_rng(0), 12, 0.5, ratio, 0.01)
         squares = np.zeros(2)
-        theory = np.zeros(2)
+        predicted = np.zeros(2)
         for seed in range(runs):
             rng = np.random.default_rng(7)  # the same graph, truth and axes
             graph, truth = simulated(rng, 12, 0.5, ratio, 0.01)
@@ -146,7 +146,7 @@ def factor(runs: int) -> None:
                 graph.edges, exact @ matrices_from_rotvecs(e), covariances=graph.covariances
             )
             if seed == 0:
-                theory = theory(graph, truth)
+                predicted = theory(graph, truth)
             for k, anisotropic in enumerate((False, True)):
                 R = rotavg.solve(
                     graph, anisotropic=anisotropic, certify=False, num_threads=1
@@ -155,7 +155,7 @@ def factor(runs: int) -> None:
                 E = E @ E[0].T
                 squares[k] += np.sum((E - np.eye(3)) ** 2) / 2
         name = ":".join(f"{x:g}" for x in ratio)
-        print(f"| {name} | {theory[1] / theory[0]:.3f} | {squares[1] / squares[0]:.3f} |",
+        print(f"| {name} | {predicted[1] / predicted[0]:.3f} | {squares[1] / squares[0]:.3f} |",
               flush=True)  # fmt: skip
 
 

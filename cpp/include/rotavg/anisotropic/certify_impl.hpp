@@ -54,10 +54,11 @@ inline std::vector<Measure> measure_components(const AnisotropicResiduals& resid
 
 /// What S at some rotations says of one component: with the splits in closed form, and if these do
 /// not prove, with better ones; at last the gap that the best of them leaves.
+/// @param resolution how small a gap has to be told from zero
 inline ComponentBound bound_component(EdgeSplits& splits, const Components& components,
-                                      Index component, Elimination& elimination,
+                                      Index component, Elimination& elimination, double resolution,
                                       const CertificateOptions& options) {
-  constexpr int most_steps = 25;
+  constexpr int most_steps = 25, steps_where_definite = 5;
   const double max_flops = options.max_factorization_flops;
   const auto is_possible = [max_flops](Elimination& of) {
     return of.flops(3, max_flops) <= max_flops && of.factor_bytes(3) <= available_memory();
@@ -67,11 +68,13 @@ inline ComponentBound bound_component(EdgeSplits& splits, const Components& comp
   std::optional<SplitImprovement> improvement;
   std::optional<EdgeSplits> best;
   double value = 0.0, lambda_min = 0.0;  // of the best
+  ComponentBound definite;               // where S is positive, but rounding or R leave a gap
   for (int k = 0;; ++k) {
     const AnisotropicCertificateMatrix S(splits, components, component);
     const ComponentBound bound =
         bound_by_grounded_factorization(S, elimination, options.keep_going);
-    if (bound.method != CertificateMethod::none || stopped()) return bound;
+    if (bound.gap < definite.gap) definite = bound;
+    if (definite.gap <= resolution || stopped()) return definite;
     if (!improvement) improvement.emplace(splits, elimination);
     if (!improvement->measure(S, options.keep_going)) break;
     if (!best || improvement->value() > value) {
@@ -79,8 +82,10 @@ inline ComponentBound bound_component(EdgeSplits& splits, const Components& comp
       value = improvement->value();
       lambda_min = improvement->lambda_min();
     }
-    if (k == most_steps || !improvement->step(S)) break;
+    const int most = definite.is_definite ? steps_where_definite : most_steps;
+    if (k >= most || !improvement->step(S)) break;
   }
+  if (definite.is_definite) return definite;
   Elimination whole(splits.residuals().graph().scalar(), components, component, /*skipped=*/0);
   if (!best || stopped() || !is_possible(whole)) return {};
   ComponentBound bound =
@@ -106,8 +111,9 @@ ROTAVG_INLINE Certificate certify(const AnisotropicGraph& graph, const Rotations
       parts.push_back({Verdict::proved, CertificateMethod::factorization, 0.0, 0.0, 0.0});
       continue;
     }
+    const double resolution = measures[c].scale() * options.tolerance;
     const ComponentBound bound =
-        detail::bound_component(splits, components, c, eliminations[c], options);
+        detail::bound_component(splits, components, c, eliminations[c], resolution, options);
     parts.push_back(detail::certify_component(bound, LowerBound{}, measures[c], options.tolerance));
   }
   Certificate certificate = detail::certificate_of(std::move(parts), options.tolerance);

@@ -27,8 +27,8 @@ namespace rotavg {
 ///
 /// lambda_min(S) is concave in the Q of the edges, Q >= 0. For x with x^T S x < 0 and d = x_i -
 /// x_j, the edge adds d^T W d, whose gradient in Q is d d^T - |d|^2 / 2 I. That of the lowest few
-/// eigenvectors, the lower the more, is followed as far as Polyak's rule for the known optimum,
-/// zero, says (Polyak 1969), and every Q is projected. All is relative to the scale of the nodes.
+/// eigenvectors, the lower the more, is followed as far as Polyak's rule for an optimum near zero
+/// says (Polyak 1969), and every Q is projected. All is relative to the scale of the nodes.
 class SplitImprovement {
  public:
   /// @param splits, elimination (of the component, without its root) must outlive this object
@@ -45,11 +45,12 @@ class SplitImprovement {
   /// @returns false where there is nothing to improve
   bool step(const AnisotropicCertificateMatrix& S) {
     constexpr double beyond = 1.5, target = 1e-4, spread = 0.3;
-    if (!(value_ < 0.0)) return false;
+    if (!(value_ < target)) return false;
+    const double width = spread * std::max(-value_, target);
     // The weights of the lowest eigenvectors.
     Eigen::VectorXd share(lowest_.cols());
     for (Eigen::Index c = 0; c < share.size(); ++c) {
-      share(c) = std::exp((value_ - values_(c)) / (spread * -value_));
+      share(c) = std::exp((value_ - values_(c)) / width);
     }
     share /= share.sum();
     std::vector<Matrix3> gradient;
