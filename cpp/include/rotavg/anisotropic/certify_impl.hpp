@@ -16,6 +16,7 @@
 #include <rotavg/compiled.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
+#include <rotavg/linalg/cholesky_rounding.hpp>
 #include <rotavg/linalg/memory.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/check_rotations.hpp>
@@ -40,6 +41,7 @@ inline std::vector<Measure> measure_components(const AnisotropicResiduals& resid
     const Index c = components.label[edges[k].i];
     measures[c].objective += residuals()[k].cost;
     measures[c].total_weight += edges[k].weight;
+    measures[c].num_edges += 1.0;
     lightest[c] = std::min(lightest[c], edges[k].weight);
   }
   for (const Edge& e : edges) {
@@ -47,7 +49,9 @@ inline std::vector<Measure> measure_components(const AnisotropicResiduals& resid
     measures[c].weight += std::min(e.weight, most * lightest[c]);
   }
   for (Measure& measure : measures) {
-    measure.objective += 4.0 * objective_rounding(6.0 * measure.total_weight, measure.objective);
+    const double summing = unit_roundoff * measure.num_edges * measure.objective;
+    measure.objective +=
+        4.0 * objective_rounding(6.0 * measure.total_weight, measure.objective) + summing;
   }
   return measures;
 }
