@@ -6,6 +6,7 @@ namespace rotavg_python {
 
 void bind_graph(pybind11::module_& m);
 void bind_solve(pybind11::module_& m);
+void bind_anisotropic(pybind11::module_& m);
 void bind_certify(pybind11::module_& m);
 void bind_priors(pybind11::module_& m);
 void bind_robust(pybind11::module_& m);

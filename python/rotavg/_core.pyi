@@ -151,6 +151,35 @@ def refine_anisotropic(
     callback: Callable[[Progress], bool | None] | None,
     iterations_before: int,
 ) -> dict[str, Any]: ...
+def solve_anisotropic(
+    graph: MeasurementGraph,
+    precisions: NDArray[np.float64],
+    *,
+    start: NDArray[np.float64],
+    method: str,
+    mu: str,
+    stop: str,
+    tolerance: float,
+    max_iterations: int,
+    time_limit: float,
+    num_threads: int,
+    certify: bool,
+    certificate_tolerance: float,
+    certificate_max_flops: float,
+    callback: Callable[[Progress], bool | None] | None,
+    iterations_before: int,
+    priors: GroundedGraph | None,
+) -> dict[str, Any]: ...
+def certify_anisotropic(
+    graph: MeasurementGraph,
+    precisions: NDArray[np.float64],
+    rotations: NDArray[np.float64],
+    *,
+    tolerance: float,
+    max_flops: float,
+    time_limit: float,
+    num_threads: int,
+) -> dict[str, Any]: ...
 def certify(
     graph: MeasurementGraph,
     rotations: NDArray[np.float64],

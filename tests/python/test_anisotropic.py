@@ -1,4 +1,4 @@
-"""The anisotropic refinement against finite differences, SciPy's minimum and Monte Carlo."""
+"""The refinement on logarithms against finite differences and Monte Carlo; graphs' covariances."""
 
 from __future__ import annotations
 
@@ -52,12 +52,14 @@ def truth() -> NDArray[np.float64]:
 def test_it_ends_at_a_minimum_of_the_objective(truth: NDArray[np.float64]) -> None:
     rng = np.random.default_rng(1)
     graph = measured(rng, truth, covariances(rng, 0.1))
-    solution = rotavg.solve(graph, anisotropic=True)
+    solution = rotavg.solve(graph, anisotropic="log")
     f = objective(graph, solution.rotations)
     assert solution.objective == pytest.approx(f, rel=1e-12)
     assert solution.status.converged
-    assert solution.isotropic is not None
-    assert f < 0.9 * objective(graph, solution.isotropic.rotations)
+    plain = rotavg.solve(graph)
+    assert f < 0.9 * objective(graph, plain.rotations)
+    assert solution.isotropic is not None  # the chords' optimum
+    assert f <= objective(graph, solution.isotropic.rotations)
     h = 1e-5
     for node in range(6):
         for axis in np.eye(3):
@@ -73,7 +75,7 @@ def test_it_ends_at_a_minimum_of_the_objective(truth: NDArray[np.float64]) -> No
 def test_it_has_no_certificate_and_says_so(truth: NDArray[np.float64]) -> None:
     rng = np.random.default_rng(1)
     graph = measured(rng, truth, covariances(rng, 0.1))
-    solution = rotavg.solve(graph, anisotropic=True)
+    solution = rotavg.solve(graph, anisotropic="log")
     assert solution.certificate is None
     assert solution.isotropic is not None
     assert solution.isotropic.certificate is not None
@@ -84,15 +86,15 @@ def test_isotropic_covariances_change_little(truth: NDArray[np.float64]) -> None
     rng = np.random.default_rng(2)
     graph = measured(rng, truth, np.tile(np.eye(3) * 1e-4, (len(EDGES), 1, 1)))
     np.testing.assert_allclose(graph.weights, 1e4)
-    solution = rotavg.solve(graph, anisotropic=True)
+    solution = rotavg.solve(graph, anisotropic="log")
     assert solution.isotropic is not None
-    np.testing.assert_allclose(solution.rotations, solution.isotropic.rotations, atol=1e-5)
-    assert solution.objective == pytest.approx(solution.isotropic.objective / 2, rel=1e-3)
-    np.testing.assert_allclose(
-        solution.covariances(noise_variance=1),
-        solution.isotropic.covariances(noise_variance=1),
-        atol=2e-7,
-    )
+    plain = rotavg.solve(graph)
+    for one in (solution, solution.isotropic):
+        np.testing.assert_allclose(one.rotations, plain.rotations, atol=1e-5)
+        assert one.objective == pytest.approx(plain.objective / 2, rel=1e-3)
+        np.testing.assert_allclose(
+            one.covariances(noise_variance=1), plain.covariances(noise_variance=1), atol=2e-7
+        )
 
 
 def test_monte_carlo_agrees_and_is_better_than_isotropic(truth: NDArray[np.float64]) -> None:
@@ -103,9 +105,9 @@ def test_monte_carlo_agrees_and_is_better_than_isotropic(truth: NDArray[np.float
     variances = np.empty(runs)
     for k in range(runs):
         graph = measured(rng, truth, C)
-        solution = rotavg.solve(graph, anisotropic=True, certify=False, num_threads=1)
-        assert solution.isotropic is not None
-        for rows, R in ((errors, solution.rotations), (plain, solution.isotropic.rotations)):
+        solution = rotavg.solve(graph, anisotropic="log", certify=False, num_threads=1)
+        scalar = rotavg.solve(graph, certify=False, num_threads=1)
+        for rows, R in ((errors, solution.rotations), (plain, scalar.rotations)):
             E = R @ np.swapaxes(truth, 1, 2)
             rows[k] = np.stack([E[:, 2, 1], E[:, 0, 2], E[:, 1, 0]], axis=1)
         variances[k] = estimated_noise_variance(solution)
@@ -153,12 +155,12 @@ def test_two_components_and_a_robust_loss(truth: NDArray[np.float64]) -> None:
         covariances=np.tile(one.covariances, (2, 1, 1)),
         nodes=range(17),
     )
-    solution = rotavg.solve(both, anisotropic=True)
-    alone = rotavg.solve(one, anisotropic=True).rotations
+    solution = rotavg.solve(both, anisotropic="log")
+    alone = rotavg.solve(one, anisotropic="log").rotations
     np.testing.assert_allclose(solution.rotations[:6], alone, atol=1e-9)
     np.testing.assert_allclose(solution.rotations[10:16], alone, atol=1e-9)
     assert np.array_equal(solution.rotations[6], np.eye(3))
-    robust = rotavg.solve(both, anisotropic=True, loss="huber")
+    robust = rotavg.solve(both, anisotropic="log", loss="huber")
     assert robust.status.converged
     assert np.isfinite(robust.covariances()).all()
 
@@ -176,9 +178,11 @@ def test_bad_requests_say_what_is_wrong(truth: NDArray[np.float64]) -> None:
         rotavg.MeasurementGraph(EDGES, rotations, covariances=np.eye(3))
     plain = rotavg.MeasurementGraph(EDGES, rotations)
     with pytest.raises(rotavg.OptionError, match="needs a graph with covariances"):
-        rotavg.solve(plain, anisotropic=True)
+        rotavg.solve(plain, anisotropic="log")
+    C[4] = np.eye(3)
+    spread = rotavg.MeasurementGraph(EDGES, rotations, covariances=C)
     with pytest.raises(rotavg.OptionError, match="not possible with priors"):
-        rotavg.solve(plain, anisotropic=True, priors=rotavg.Priors(fixed={0: np.eye(3)}))
+        rotavg.solve(spread, anisotropic="log", priors=rotavg.Priors(fixed={0: np.eye(3)}))
 
 
 def test_g2o_holds_covariances(tmp_path: Path) -> None:
@@ -194,7 +198,7 @@ def test_g2o_holds_covariances(tmp_path: Path) -> None:
     assert graph.covariances is not None
     np.testing.assert_allclose(graph.covariances[1], np.linalg.inv(omega), atol=1e-15)
     assert rotavg.read(path, unit_weights=True).covariances is None
-    command = [sys.executable, "-m", "rotavg", "solve", str(path), "--anisotropic"]
+    command = [sys.executable, "-m", "rotavg", "solve", str(path), "--anisotropic-log"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "locally optimal, not certified" in done.stdout

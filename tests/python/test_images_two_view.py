@@ -158,3 +158,50 @@ def test_refining_comes_back_to_the_truth() -> None:
     R, t = epipolar.refine(R, t / np.linalg.norm(t), views.rays_i, views.rays_j, PIXEL)
     np.testing.assert_allclose(R, views.R, atol=1e-7)
     np.testing.assert_allclose(t, views.t, atol=1e-6)
+
+
+@pytest.mark.parametrize("depth", ["general", "infinite"])
+def test_the_covariance_of_the_rotation_is_that_of_its_scatter(depth: str) -> None:
+    runs = 300
+    views = two_views(3, depth=depth, n=60)
+    rng = np.random.default_rng(1)
+    errors, predicted = np.empty((runs, 3)), np.zeros((3, 3))
+    for k in range(runs):
+        rays_i, rays_j = views.rays_i.copy(), views.rays_j.copy()
+        for rays in (rays_i, rays_j):
+            rays[:, :2] += 0.3 * PIXEL * rng.standard_normal((60, 2))
+        if depth == "general":
+            start = matrices_from_rotvecs(1e-3 * rng.standard_normal(3)) @ views.R
+            R, t = epipolar.refine(start, views.t, rays_i, rays_j, 10 * PIXEL)
+            spread = epipolar.rotation_covariance(R, t, rays_i, rays_j)
+        else:  # Horn's, of directions: as good as least squares where all are near the axis
+            U, _, Vt = np.linalg.svd(rays_j.T @ rays_i)
+            R = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+            spread = epipolar.turn_covariance(R, rays_i, rays_j)
+        assert spread is not None
+        predicted += spread / runs
+        d = R @ views.R.T
+        errors[k] = [d[2, 1], d[0, 2], d[1, 0]]
+    scatter = errors.T @ errors / runs
+    ratios = np.linalg.eigvals(np.linalg.solve(predicted, scatter)).real
+    np.testing.assert_allclose(ratios, 1, atol=0.35)
+    assert np.linalg.cond(scatter) > 2
+
+
+def test_without_enough_points_there_is_no_covariance() -> None:
+    views = two_views(0, n=5)
+    assert epipolar.rotation_covariance(*views) is None
+    assert epipolar.turn_covariance(views.R, views.rays_i[:1], views.rays_j[:1]) is None
+
+
+def test_a_pair_tells_it_in_the_frame_of_its_first_camera() -> None:
+    views = two_views(2, noise=0.3 * PIXEL)
+    found = estimate(views.rays_i, views.rays_j, max_error=3 * PIXEL)
+    spread = found.covariance(views.rays_i, views.rays_j)
+    left = epipolar.rotation_covariance(
+        found.j_from_i, found.translation, views.rays_i[found.inliers], views.rays_j[found.inliers]
+    )
+    assert spread is not None
+    assert left is not None
+    R = found.j_from_i  # exp([w]) R = R exp([R^T w])
+    np.testing.assert_allclose(R @ spread @ R.T, left, atol=1e-12 * np.trace(left))

@@ -119,7 +119,7 @@ def test_with_priors_the_page_speaks_of_their_world() -> None:
 
 @pytest.mark.parametrize("loss", ["l2", "cauchy"])
 def test_with_covariances_the_page_speaks_of_what_was_minimised(loss: Any) -> None:
-    solution = rotavg.solve(in_two_parts(), anisotropic=True, loss=loss)
+    solution = rotavg.solve(in_two_parts(), anisotropic="log", loss=loss)
     said = statement(solution)
     assert (said.level, "local minimum" in said.headline) == ("open", True)
     assert "there is no certificate" in said.details[0]
@@ -128,7 +128,11 @@ def test_with_covariances_the_page_speaks_of_what_was_minimised(loss: Any) -> No
     assert "asked for" not in " ".join(said.details)
     rows = tables.components(solution).rows
     assert sum(float(row[3]) for row in rows) == pytest.approx(solution.objective, rel=1e-9)
-    early = rotavg.solve(in_two_parts(), anisotropic=True, max_iterations=0, certify=False)
+    proved = rotavg.solve(in_two_parts(), anisotropic=True, loss=loss)
+    assert statement(proved).level == "proved"
+    rows = tables.components(proved).rows
+    assert sum(float(row[3]) for row in rows) == pytest.approx(proved.objective, rel=1e-9)
+    early = rotavg.solve(in_two_parts(), anisotropic="log", max_iterations=0, certify=False)
     assert statement(early).level == "failed"
     assert len(statement(early).details) == 1
 

@@ -206,12 +206,13 @@ def test_a_robust_loss_with_priors_starts_from_it() -> None:
     np.testing.assert_allclose(warm[3], last[3], atol=1e-12)
 
 
-def test_the_anisotropic_refinement_starts_from_it() -> None:
+@pytest.mark.parametrize("kind", [True, "log"])
+def test_full_covariances_start_from_it(kind: Any) -> None:
     graph = rotavg.simulate("grid", 64, noise=0.05, seed=9).graph
     covariances = np.diag([1e-3, 4e-3, 2e-3])[None].repeat(graph.num_edges, axis=0)
     graph = MeasurementGraph(graph.edges, graph.rotations, covariances=covariances)
-    last = rotavg.solve(graph, anisotropic=True)
-    warm = rotavg.solve(graph, anisotropic=True, init=last)
+    last = rotavg.solve(graph, anisotropic=kind)
+    warm = rotavg.solve(graph, anisotropic=kind, init=last)
     assert warm.init == "solution"
     assert warm.iterations < last.iterations
     assert warm.objective == pytest.approx(last.objective, rel=1e-9)

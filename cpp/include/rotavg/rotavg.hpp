@@ -3,9 +3,12 @@
 /// rotavg: absolute rotations from relative ones, with a proof of optimality.
 /// Layers, each using only those before it:
 ///   types -> parallel, so3 -> linalg -> graph -> problem -> reduction -> init, certify -> solve ->
-///   robust, uncertainty
+///   robust, uncertainty, anisotropic
 
 // The entry points, and what they take and return.
+#include <rotavg/anisotropic/certify.hpp>
+#include <rotavg/anisotropic/graph.hpp>
+#include <rotavg/anisotropic/solve.hpp>
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/certify/certify_with_priors.hpp>
 #include <rotavg/graph/algebraic_connectivity.hpp>
@@ -29,6 +32,16 @@
 
 // What they are made of. With rotavg::compiled, include what you use of it.
 #ifndef ROTAVG_COMPILED
+#include <rotavg/anisotropic/bcd.hpp>
+#include <rotavg/anisotropic/certificate_matrix.hpp>
+#include <rotavg/anisotropic/hessian.hpp>
+#include <rotavg/anisotropic/improve_split.hpp>
+#include <rotavg/anisotropic/newton.hpp>
+#include <rotavg/anisotropic/proof.hpp>
+#include <rotavg/anisotropic/residuals.hpp>
+#include <rotavg/anisotropic/split.hpp>
+#include <rotavg/anisotropic/sum.hpp>
+#include <rotavg/anisotropic/symmetric_eigen.hpp>
 #include <rotavg/graph/breadth_first.hpp>
 #include <rotavg/graph/bridges.hpp>
 #include <rotavg/graph/checked_part.hpp>

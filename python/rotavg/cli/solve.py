@@ -49,7 +49,7 @@ from rotavg.report import Run, check_report, write_report
         "Method": ("method", "init", "seed", "mu", "accelerate", "max_rank"),
         "Prior knowledge": ("fixed_path", "gravity_path", "gravity_weight"),
         "Uncertainty": ("covariances_path", "noise_variance"),
-        "Anisotropic noise": ("anisotropic",),
+        "Anisotropic noise": ("anisotropic", "anisotropic_log"),
         "Outliers": (
             *("loss", "loss_scale", "weight_kind", "cycle_threshold", "min_cycles"),
             *("trusted_path", "trust_odometry", "excluded_path"),
@@ -142,7 +142,12 @@ from rotavg.report import Run, check_report, write_report
 @click.option(
     "--anisotropic",
     is_flag=True,
-    help="Refine by the covariances that a g2o file has: a local optimum, without certificate.",
+    help="Honour the full covariances that the file has (g2o, TORO, text, CSV, npz), certified.",
+)
+@click.option(
+    "--anisotropic-log",
+    is_flag=True,
+    help="The same, and on to a local minimum in the logarithms, which has no certificate.",
 )
 @number(
     "--certificate-tolerance",
@@ -204,6 +209,8 @@ def solve(
     if distributed:
         return solve_in_parts(input_path, output, scheduler, parts, as_json, no_certify, settings)
     settings["loss_scale"] = _radians(loss_scale)
+    if settings.pop("anisotropic_log"):
+        settings["anisotropic"] = "log"
     if cycle_threshold is not None:
         settings["cycle_threshold"] = math.radians(cycle_threshold)
     if output is not None:

@@ -80,6 +80,7 @@ def summary(solution: rotavg.Solution, read: float, total: float) -> dict[str, A
         "init": solution.init,
         "status": solution.status.name.lower(),
         "solved": solution.solved,
+        "anisotropic": solution.anisotropic or None,
         "objective": solution.objective,
         "gradient_norm": solution.gradient_norm,
         "relative_gradient": solution.relative_gradient,

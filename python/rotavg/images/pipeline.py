@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.base.errors import GraphError, OptionError
+from rotavg.graph.covariances import first_bad_covariance
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.images.features import Photograph, extract, find_photographs, focal_length
 from rotavg.images.matching import match
@@ -29,6 +30,7 @@ class Pair:
         matches: (p, 2) rows of the two photographs' features.
         two_view: their relative pose; None if there is none to rely on.
         reason: why there is none; empty otherwise.
+        covariance: (3, 3) radians^2 of its rotation, see `TwoView.covariance`; None if not known.
     """
 
     i: str
@@ -36,6 +38,7 @@ class Pair:
     matches: NDArray[np.int64]
     two_view: TwoView | None
     reason: str = ""
+    covariance: NDArray[np.float64] | None = None
 
     @property
     def num_inliers(self) -> int:
@@ -66,7 +69,8 @@ class Measurement:
         """The graph of the pairs with a relative pose; names are nodes, inliers are weights.
 
         The variance of a rotation falls as one over the number of matches that it was estimated
-        from, so the number of inliers is the weight. Raises GraphError where there is no pair.
+        from, so the number of inliers is the weight. Where those of all pairs are known, the graph
+        has covariances, too. Raises GraphError where there is no pair.
         """
         used = self.used
         if not used:
@@ -81,6 +85,7 @@ class Measurement:
             np.array([pair.two_view.j_from_i for pair in used if pair.two_view is not None]),
             weights=[pair.num_inliers for pair in used],
             convention="vision",
+            covariances=_covariances(used),
             notes=notes,
         )
 
@@ -132,19 +137,25 @@ def measure(
         report("pairs", k, total)
         matches = match(first.descriptors, second.descriptors, ratio=ratio)
         error = max_error * (_pixel(first) + _pixel(second)) / 2
+        rays = first.rays[matches[:, 0]], second.rays[matches[:, 1]]
         try:
-            pose = estimate(
-                first.rays[matches[:, 0]],
-                second.rays[matches[:, 1]],
-                max_error=error,
-                min_inliers=min_inliers,
-                seed=seed,
-            )
-            pairs.append(Pair(first.name, second.name, matches, pose))
+            pose = estimate(*rays, max_error=error, min_inliers=min_inliers, seed=seed)
+            spread = pose.covariance(*rays)
+            pairs.append(Pair(first.name, second.name, matches, pose, covariance=spread))
         except NoGeometryError as failure:
             pairs.append(Pair(first.name, second.name, matches, None, str(failure)))
     report("pairs", total, total)
     return Measurement(photographs, pairs)
+
+
+def _covariances(pairs: list[Pair]) -> NDArray[np.float64] | None:
+    """(m, 3, 3) of all pairs; None where one is not known."""
+    known = [pair.covariance for pair in pairs if pair.covariance is not None]
+    if len(known) < len(pairs):
+        return None
+    covariances = np.array(known)
+    covariances = (covariances + np.swapaxes(covariances, 1, 2)) / 2
+    return None if first_bad_covariance(covariances) is not None else covariances
 
 
 def _pixel(photograph: Photograph) -> float:

@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 
 from rotavg.base.errors import require
 from rotavg.images import degenerate
-from rotavg.images.epipolar import Array, essential_matrix, in_front, refine, sampson_distances
+from rotavg.images.epipolar import (
+    Array,
+    essential_matrix,
+    in_front,
+    refine,
+    rotation_covariance,
+    sampson_distances,
+    turn_covariance,
+)
 
 Kind = Literal["general", "planar", "rotation"]
 
@@ -47,6 +55,20 @@ class TwoView:
     translation: Array
     inliers: NDArray[np.bool_]
     kind: Kind
+
+    def covariance(self, rays_i: Array, rays_j: Array) -> Array | None:
+        """Covariance (3, 3), radians^2, of e in j_from_i = truth exp([e]); None where not known.
+
+        Args:
+            rays_i: (p, 3) of all matches, as they were given to `estimate`.
+            rays_j: the same in camera j's frame.
+        """
+        R, inliers = self.j_from_i, self.inliers
+        if self.kind == "rotation":
+            left = turn_covariance(R, rays_i[inliers], rays_j[inliers])
+        else:
+            left = rotation_covariance(R, self.translation, rays_i[inliers], rays_j[inliers])
+        return None if left is None else R.T @ left @ R  # exp(w) R = R exp(R^T w)
 
 
 def estimate(

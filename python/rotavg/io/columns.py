@@ -5,6 +5,7 @@
     rx ry rz                          a rotation vector in radians
     r11 r12 ... r33, or r00 ... r22   a matrix, row and column
     weight                            if there is one
+    cxx cxy cxz cyy cyz czz           the covariance of the rotation, radians^2, if there is one
 
 Other columns are not read.
 """
@@ -26,6 +27,7 @@ _ROTATIONS: tuple[tuple[Kind, tuple[str, ...]], ...] = (
     ("matrix", _MATRIX),
     ("rotation vector", _VECTOR),
 )
+COVARIANCE = ("cxx", "cxy", "cxz", "cyy", "cyz", "czz")
 EXPECTED = "i and j (or id), a rotation (qx qy qz qw, rx ry rz or r11 ... r33), and weight"
 
 _ENDS = {
@@ -57,6 +59,7 @@ class Layout:
         rotation: places of its numbers: x y z w, x y z, or nine row by row.
         weight: place of the weight; None without one.
         component: place of the label of the node's component; None without one.
+        covariance: places of the upper triangle, row by row; empty without one.
     """
 
     words: tuple[str, ...]
@@ -65,11 +68,13 @@ class Layout:
     rotation: tuple[int, ...]
     weight: int | None
     component: int | None
+    covariance: tuple[int, ...] = ()
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """Places of all that must be numbers: the rotation, and the weight."""
-        return self.rotation if self.weight is None else (*self.rotation, self.weight)
+        """Places of all that must be numbers: the rotation, the covariance, and the weight."""
+        numbers = (*self.rotation, *self.covariance)
+        return numbers if self.weight is None else (*numbers, self.weight)
 
     @property
     def unread(self) -> tuple[str, ...]:
@@ -94,7 +99,8 @@ def layout_of(words: Sequence[str], num_ids: int) -> Layout | None:
         return None
     kind, wanted = found
     weight = "weight" if "weight" in names else "w"  # a w that is not of a quaternion
-    single = [*wanted, *([weight] if weight in names else [])]
+    spread = COVARIANCE if num_ids == 2 and set(COVARIANCE) <= set(names) else ()
+    single = [*wanted, *spread, *([weight] if weight in names else [])]
     if ids is None or any(names.count(name) > 1 for name in single):
         return None
     return Layout(
@@ -104,6 +110,7 @@ def layout_of(words: Sequence[str], num_ids: int) -> Layout | None:
         rotation=tuple(names.index(name) for name in wanted),
         weight=names.index(weight) if weight in names and num_ids == 2 else None,
         component=names.index("component") if "component" in names and num_ids == 1 else None,
+        covariance=tuple(names.index(name) for name in spread),
     )
 
 

@@ -114,5 +114,6 @@ CSV = Format(
     has_isolated=False,
     any_convention=True,
     has_components=True,
+    has_covariances=True,
     rotations=RotationReader((), read_csv_rotations, _looks_like_rotations, (".csv",)),
 )

@@ -210,6 +210,7 @@ NPZ = Format(
     write=write_npz,
     any_convention=True,
     has_components=True,
+    has_covariances=True,
     has_translations=True,
     rotations=RotationReader((), read_npz_rotations, _is_archive, (".npz",)),
 )

@@ -87,6 +87,7 @@ class Format:
         has_weights: whether a graph's weights can be written.
         has_isolated: whether a graph's nodes without an edge can be written.
         has_components: whether a solution's file tells which node is in which component.
+        has_covariances: whether a graph's file holds the covariances of the edges.
         has_translations: whether a graph's translations can be written.
         puts_back: whether a solution goes back into the file that its graph came from.
         magic: a beginning that tells that the reader opens the file itself.
@@ -107,6 +108,7 @@ class Format:
     has_weights: bool = True
     has_isolated: bool = True
     has_components: bool = False
+    has_covariances: bool = False
     has_translations: bool = False
     puts_back: bool = False
     magic: bytes = b""

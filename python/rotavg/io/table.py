@@ -45,6 +45,7 @@ class Table:
         numbers: (m, ...) of the rotations; finite.
         weights: (m,); None without such a column.
         components: (m,) labels; None without such a column.
+        covariances: (m, 3, 3); None without such columns.
         lines: (m,) the line of each row.
     """
 
@@ -53,6 +54,7 @@ class Table:
     numbers: NDArray[np.float64]
     weights: NDArray[np.float64] | None
     components: list[bytes] | None
+    covariances: NDArray[np.float64] | None
     lines: Sequence[int]
 
     def ids(self, path: Path) -> IdArray:
@@ -163,15 +165,7 @@ def _at_once(data: bytes, line: int, row: bytes, layout: Layout) -> Table | None
     if found is None:
         return None
     numbers = _in_order(found.numbers, layout.numbers)
-    size = len(layout.rotation)
-    return Table(
-        layout=layout,
-        fields=_in_order(found.ids, layout.ids),
-        numbers=numbers[:, :size],
-        weights=numbers[:, size] if layout.weight is not None else None,
-        components=None,
-        lines=found.lines,
-    )
+    return _of_numbers(layout, _in_order(found.ids, layout.ids), numbers, None, found.lines)
 
 
 def _in_order(columns: NDArray[Any], places: Sequence[int]) -> NDArray[Any]:
@@ -277,13 +271,37 @@ def _table(path: Path, fields: list[list[bytes]], lines: list[int], layout: Layo
     numbers = [row.replace(b",", b".") for row in map(b" ".join, zip(*columns))]
     table = number_table(path, numbers, lines, len(places))
     check_finite(path, table, lines)
-    size = len(layout.rotation)
     label = layout.component
+    return _of_numbers(
+        layout,
+        [row[place] for row in fields for place in layout.ids],
+        table,
+        None if label is None else [row[label] for row in fields],
+        lines,
+    )
+
+
+def _of_numbers(
+    layout: Layout,
+    ids: list[bytes] | IdArray,
+    numbers: NDArray[np.float64],
+    components: list[bytes] | None,
+    lines: Sequence[int],
+) -> Table:
+    """The table whose numbers (m, k) stand as `layout.numbers` says."""
+    size = len(layout.rotation)
+    upper = numbers[:, size : size + len(layout.covariance)]
     return Table(
         layout=layout,
-        fields=[row[place] for row in fields for place in layout.ids],
-        numbers=table[:, :size],
-        weights=table[:, size] if layout.weight is not None else None,
-        components=None if label is None else [row[label] for row in fields],
+        fields=ids,
+        numbers=numbers[:, :size],
+        weights=None if layout.weight is None else numbers[:, -1],
+        components=components,
+        covariances=_symmetric(upper) if layout.covariance else None,
         lines=lines,
     )
+
+
+def _symmetric(upper: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m, 3, 3) from upper triangles (m, 6), row by row."""
+    return upper[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)

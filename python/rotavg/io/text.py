@@ -1,6 +1,6 @@
 """Plain text: one edge per line, pose family if not told otherwise.
 
-    i j qx qy qz qw [weight]
+    i j qx qy qz qw [weight] [cxx cxy cxz cyy cyz czz]
 
 The fields are separated by white space or commas, # begins a comment, and the first line may be
 a header of these words. R_ij = i_from_j, so that R_i R_ij = R_j with R_i = world_from_i.
@@ -25,6 +25,7 @@ from rotavg.graph.measurement_graph import MeasurementGraph, Quaternions
 from rotavg.graph.nearest import TOLERANCE, nearest_rotation
 from rotavg.io import bulk
 from rotavg.io.absolute import QUATERNION, AbsoluteRotations, RotationReader, distinct, labels_of
+from rotavg.io.columns import COVARIANCE
 from rotavg.io.fields import Row, Rows, is_header, split, title_words
 from rotavg.io.lines import content_lines, is_number, plain_name
 from rotavg.io.registry import (
@@ -74,6 +75,7 @@ def read_edges(
             Quaternions(rotations) if quaternions else rotations,
             None if options.unit_weights else table.weights,
             **options.of_graph,
+            covariances=None if options.unit_weights else table.covariances,
             notes=notes,
             tolerance=MATRIX_TOLERANCE if table.layout.kind == "matrix" else TOLERANCE,
         )
@@ -91,6 +93,10 @@ def write_rows(
     if isinstance(item, MeasurementGraph):
         title, header = "measurement graph", HEADER
         columns = np.column_stack([item.quaternions, item.weights])
+        if item.covariances is not None:
+            header += COVARIANCE
+            upper = item.covariances[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+            columns = np.column_stack([columns, upper])
         ids, nodes = item.edges, item.nodes
     else:
         title, header = "rotations", SOLUTION_HEADER
@@ -186,5 +192,6 @@ TEXT = Format(
     has_isolated=False,
     any_convention=True,
     has_components=True,
+    has_covariances=True,
     rotations=RotationReader(SOLUTION_HEADER, read_text_rotations, recognises=_has_solution_header),
 )

@@ -117,13 +117,14 @@ def components(solution: Solution, limit: int = 100) -> Table:
 def _costs(solution: Solution) -> NDArray[np.float64]:
     """(m,) what every edge adds to the objective."""
     graph, angles = solution.graph, solution.residual_angles
-    if solution.isotropic is None:
+    if not solution.anisotropic:
         # |R_i R_ij - R_j|_F^2 = 8 sin^2(angle / 2)
         return np.asarray(8 * solution.edge_weights * np.sin(angles / 2) ** 2)
     assert graph.covariances is not None
     omega = information(graph.covariances, solution.edge_weights / graph.weights)
     R, (i, j) = solution.rotations, graph.indices.T
     q = quaternions_from_matrices(np.swapaxes(R[i] @ graph.rotations, 1, 2) @ R[j])
-    # The quaternion's vector is sin(angle / 2) along the axis, r is the angle.
-    r = 2 * q[:, :3] / np.sinc(angles / (2 * np.pi))[:, None]
+    r = 2 * q[:, :3]  # sin(angle / 2) along the axis, twice
+    if solution.anisotropic == "log":
+        r /= np.sinc(angles / (2 * np.pi))[:, None]
     return np.asarray(np.einsum("ma,mab,mb->m", r, omega, r))

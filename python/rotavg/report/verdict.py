@@ -67,7 +67,7 @@ def statement(solution: Solution) -> Statement:
 
 
 def _without_certificate(solution: Solution) -> Statement:
-    if solution.isotropic is not None:
+    if solution.anisotropic == "log" and solution.isotropic is not None:
         return _refined(solution, solution.isotropic.certificate)
     details = ("No certificate was asked for: how far this is from the optimum is not known.",)
     if solution.status.converged:
@@ -77,13 +77,13 @@ def _without_certificate(solution: Solution) -> Statement:
 
 def _refined(solution: Solution, start: Certificate | None) -> Statement:
     details = [
-        "Where the noise differs between the axes there is no certificate: how far this is from "
-        "the optimum is not known."
+        "For the squares of the residual angles, weighted by full covariances, there is no "
+        "certificate: how far this is from the optimum is not known."
     ]
     if start is not None:
         held = ", for the final weights of the edges" if is_reweighted(solution) else ""
         sentence = f"{start.sentence}{held}"
-        details.append(f"It started from the answer with one weight for each edge: {sentence}.")
+        details.append(f"It started from the optimum for the squared chords: {sentence}.")
     if solution.status.converged:
         headline = "Converged to a local minimum; global optimality unknown."
         return Statement("open", headline, tuple(details))

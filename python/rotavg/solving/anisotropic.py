@@ -1,4 +1,4 @@
-"""A refinement from the isotropic optimum, by the covariances of the measurements."""
+"""Full covariances of the measurements: the same algorithms on matrix weights, and logarithms."""
 
 from __future__ import annotations
 
@@ -6,11 +6,96 @@ import time
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rotavg import _core
 from rotavg.base.arrays import read_only
+from rotavg.base.errors import OptionError
 from rotavg.graph.covariances import information
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.priors.priors import Priors
+from rotavg.solving.certificate import certificate_from_core
 from rotavg.solving.solution import Solution
 from rotavg.solving.status import Status, Timings, Trace
+
+# How far the start, the problem with one weight for each edge, is solved: radians.
+START_TOLERANCE = 1e-6
+
+
+def check(graph: MeasurementGraph, anisotropic: object, priors: Priors | None) -> None:
+    """Refuse what full covariances do not go with."""
+    if anisotropic not in (True, "log"):
+        raise OptionError(f"anisotropic is {anisotropic!r}, expected True, False or 'log'")
+    if graph.covariances is None:
+        raise OptionError("anisotropic needs a graph with covariances, and this one has none")
+    if priors is None:
+        return
+    if priors.gravity:
+        raise OptionError("anisotropic is not possible with gravity priors yet")
+    if anisotropic == "log":
+        raise OptionError("anisotropic='log' is not possible with priors")
+
+
+def given_precisions(graph: MeasurementGraph) -> NDArray[np.float64]:
+    """(m, 3, 3) inverse covariances.
+
+    Raises OptionError where the graph has none.
+    """
+    check(graph, True, None)
+    assert graph.covariances is not None
+    return information(graph.covariances, np.ones(graph.num_edges))
+
+
+def with_covariances(solution: Solution, settings: dict[str, Any]) -> tuple[Solution, bool]:
+    """The optimum with matrix weights from a solution without; see `solve`.
+
+    Returns it, and whether its certificate was interrupted.
+    """
+    graph, grounded = solution.graph, solution.grounded
+    assert graph.covariances is not None
+    spent = solution.timings
+    stopped = solution.status is Status.STOPPED
+    left = 0 if stopped else max(0, settings["max_iterations"] - solution.iterations)
+    core = _core.solve_anisotropic(
+        graph._core,
+        information(graph.covariances, solution.edge_weights / graph.weights),
+        start=solution.rotations,
+        **{name: settings[name] for name in _SETTINGS},
+        max_iterations=left,
+        time_limit=max(0.0, settings["time_limit"] - spent.total),
+        callback=None if stopped else settings["callback"],
+        iterations_before=solution.iterations,
+        priors=None if grounded is None else grounded.core,
+    )
+    seconds = core["seconds"]
+    before = f"without covariances {solution.reason or solution.method}; then "
+    found = replace(
+        solution,
+        rotations=read_only(core["rotations"]),
+        objective=core["objective"],
+        gradient_norm=core["gradient_norm"],
+        relative_gradient=core["relative_gradient"],
+        status=solution.status if stopped else Status[core["status"].upper()],
+        iterations=solution.iterations + core["iterations"],
+        method=core["method"],
+        reason=(before if solution.iterations > 0 else "") + (core["reason"] or core["method"]),
+        trace=Trace(**{name: read_only(values) for name, values in core["trace"].items()}),
+        timings=Timings(
+            spent.init, spent.solve + seconds["init"] + seconds["solve"], seconds["certify"]
+        ),
+        certificate=certificate_from_core(core["certificate"], settings["certificate_tolerance"]),
+        component=read_only(core["component"]),
+        isotropic=solution,
+        anisotropic="chordal",
+    )
+    return found, core["interrupted"]
+
+
+_SETTINGS = (
+    "method", "mu", "stop", "tolerance", "num_threads", "certify", "certificate_tolerance",
+    "certificate_max_flops",
+)  # fmt: skip
 
 
 def refined(solution: Solution, settings: dict[str, Any]) -> Solution:
@@ -34,7 +119,7 @@ def refined(solution: Solution, settings: dict[str, Any]) -> Solution:
     )
     seconds = time.perf_counter() - began
     status = solution.status if stopped else Status[core["status"].upper()]
-    then = f"then Gauss-Newton on the covariances, {core['iterations']} iterations"
+    then = f"then Gauss-Newton on the logarithms, {core['iterations']} iterations"
     return replace(
         solution,
         rotations=read_only(core["rotations"]),
@@ -48,4 +133,5 @@ def refined(solution: Solution, settings: dict[str, Any]) -> Solution:
         timings=Timings(spent.init, spent.solve + seconds, spent.certify),
         certificate=None,
         isotropic=solution,
+        anisotropic="log",
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 _OPTION = "certificate_tolerance, --certificate-tolerance"
 
@@ -111,3 +112,11 @@ class Certificate(ComponentCertificate):
             by = f", by a relative {self.relative_gap:.2g} at most" if small else ""
             return f"not certified: a better answer may exist{by}"
         return "not certified: nothing was proved, and nothing refuted"
+
+
+def certificate_from_core(core: dict[str, Any], tolerance: float) -> Certificate | None:
+    """What the core tells; None where no certificate was asked for."""
+    if core["verdict"] == "not_run":
+        return None
+    components = (ComponentCertificate(**part) for part in core["components"])
+    return Certificate(**{**core, "tolerance": tolerance, "components": tuple(components)})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,12 @@ from rotavg.solving.certificate import Certificate, Verdict
 from rotavg.solving.robust import RobustFit, bridges, contamination_of
 from rotavg.solving.status import Status, Timings, Trace
 from rotavg.solving.uncertainty import Frame, covariances, rms_degrees
+
+_OF_COVARIANCES = {
+    "": "",
+    "chordal": " (full covariances, chords)",
+    "log": " (full covariances, logarithms)",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +58,12 @@ class Solution(NodeMapping):
         grounded: with priors, the problem that was solved: that of the measurements and the
             priors, whose figures `objective`, the gradient and the certificate are. The world
             is then no free gauge, and its component has the label 0.
-        isotropic: with `anisotropic`, the solution that was refined, with its certificate. The
-            objective is then sum of r^T C^-1 r, r = log(R_ij^T R_i^T R_j), C the covariances of
-            the graph: a local minimum, which has no certificate.
+        anisotropic: whether the covariances C of the graph were honoured. "": no. "chordal": the
+            objective, with its gradient and certificate, is sum of 4 v^T C^-1 v (see `solve`).
+            "log": it is sum of r^T C^-1 r, r = log(R_ij^T R_i^T R_j), at a local minimum, which
+            has no certificate.
+        isotropic: then, where it started: of "chordal" the solution with one weight for each edge,
+            without certificate; of "log" the "chordal" one, with it.
     """
 
     graph: MeasurementGraph
@@ -73,6 +83,7 @@ class Solution(NodeMapping):
     robust: RobustFit | None = None
     grounded: Grounded | None = None
     isotropic: Solution | None = None
+    anisotropic: Literal["", "chordal", "log"] = ""
 
     @cached_property
     def quaternions(self) -> NDArray[np.float64]:
@@ -175,7 +186,7 @@ class Solution(NodeMapping):
         degrees = np.degrees(self.residual_angles)
         median, high = np.percentile(degrees, [50, 95])
         rows = [("status", str(self.status))]
-        if self.isotropic is not None:
+        if self.anisotropic == "log" and self.isotropic is not None:
             start = self.isotropic.certificate
             of_start = "" if start is None else f" (where it started: {start.sentence})"
             rows.append(("verdict", f"locally optimal, not certified{of_start}"))
@@ -189,7 +200,7 @@ class Solution(NodeMapping):
                 ("lambda_min", f"{c.lambda_min + 0.0:.2g}"),
             ]
         rows += [
-            ("objective", f"{self.objective:.12g}"),
+            ("objective", f"{self.objective:.12g}{_OF_COVARIANCES[self.anisotropic]}"),
             (
                 "residuals",
                 f"median {median:.3g} deg, 95 % below {high:.3g}, largest {degrees.max():.3g}",

@@ -15,8 +15,14 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.grounded import ground
 from rotavg.priors.priors import Priors
 from rotavg.solving import options
-from rotavg.solving.anisotropic import refined
-from rotavg.solving.certificate import Certificate, ComponentCertificate
+from rotavg.solving.anisotropic import (
+    START_TOLERANCE,
+    check,
+    given_precisions,
+    refined,
+    with_covariances,
+)
+from rotavg.solving.certificate import Certificate, certificate_from_core
 from rotavg.solving.edge_masks import edge_mask, edge_values
 from rotavg.solving.robust import Loss, RobustFit
 from rotavg.solving.solution import Interrupted, Solution
@@ -73,7 +79,7 @@ def solve(
     initial_weights: ArrayLike | None = None,
     priors: Priors | None = None,
     robust_priors: bool = True,
-    anisotropic: bool = False,
+    anisotropic: bool | Literal["log"] = False,
 ) -> Solution:
     """Find the rotations that minimise sum of w |R_i R_ij - R_j|_F^2, and certify them.
 
@@ -148,9 +154,13 @@ def solve(
             the world of the priors, and the certificate is that of the problem with the priors.
         robust_priors: whether a robust loss is that of absolute priors and gravity, too, each kind
             with a noise of its own (`Solution.robust.gravity_priors`); fixed rotations stay fixed.
-        anisotropic: whether to go on from there to a local minimum of sum of r^T C^-1 r, with C the
-            covariances of the graph and r = log(R_ij^T R_i^T R_j), by the method of Gauss and
-            Newton. That answer has no certificate; `Solution.isotropic` is where it started.
+        anisotropic: whether to honour the covariances C of the graph (docs/covariances.md): the
+            objective is then sum of 4 v^T C^-1 v with v = sin(|r| / 2) r / |r|, r = log(R_ij^T
+            R_i^T R_j), which is r^T C^-1 r for small r, and it is certified. "auto", "staircase"
+            and "bcdsr" solve the problem with one weight for each edge first, which is
+            `Solution.isotropic`, and go on from there. The weight of a prior is then its
+            precision, radians^-2. "log" goes on to a local minimum of sum of r^T C^-1 r itself by
+            the method of Gauss and Newton; that one has no certificate.
 
     Returns:
         A Solution. That an iteration or time limit was hit is told by its `status`, not raised.
@@ -205,14 +215,17 @@ def solve(
     }
 
     grounded = None if priors is None else ground(graph, priors)
-    if anisotropic and grounded is not None:
-        raise OptionError("anisotropic is not possible with priors")
-    if anisotropic and graph.covariances is None:
-        raise OptionError("anisotropic needs a graph with covariances, and this one has none")
+    first = settings
+    if anisotropic is not False:
+        check(graph, anisotropic, None if grounded is None else priors)
+        rough = max(settings["tolerance"], START_TOLERANCE)
+        first = {**settings, "certify": False, "stop": "gradient", "tolerance": rough}
+        if start is not None and loss == "l2" and grounded is None:
+            first["max_iterations"] = 0  # from there at once
     core = _call_core(
         graph,
         _core.solve,
-        **settings,
+        **first,
         priors=None if grounded is None else grounded.core,
         start_is_solution=origin == "solution",
     )
@@ -235,14 +248,17 @@ def solve(
         init=origin or core["init"],
         trace=Trace(**{name: read_only(values) for name, values in core["trace"].items()}),
         timings=Timings(**core["seconds"]),
-        certificate=_certificate(core["certificate"], settings["certificate_tolerance"]),
+        certificate=certificate_from_core(core["certificate"], settings["certificate_tolerance"]),
         component=read_only(core["component"]),
         robust=robust,
         grounded=grounded,
     )
-    if core["interrupted"]:
+    interrupted = core["interrupted"]
+    if anisotropic is not False and not interrupted:
+        solution, interrupted = with_covariances(solution, settings)
+    if interrupted:
         raise Interrupted(solution)
-    return refined(solution, settings) if anisotropic else solution
+    return refined(solution, settings) if anisotropic == "log" else solution
 
 
 def _known_edges(
@@ -277,6 +293,7 @@ def certify(
     rotations: ArrayLike,
     *,
     priors: Priors | None = None,
+    anisotropic: bool = False,
     tolerance: float = 1e-6,
     failure_probability: float = 1e-12,
     seed: int = 0,
@@ -291,6 +308,8 @@ def certify(
         rotations: (n, 3, 3) world_from_node, rows as in `graph.nodes`. They need not be stationary.
         priors: what is known beforehand: then the rotations are in the world of the priors, and the
             bound is that of the problem with them.
+        anisotropic: whether for the objective with the full covariances of the graph (see `solve`).
+            Its proofs are factorisations only, and not with priors.
         tolerance: the largest relative gap that is called optimal.
         failure_probability: how large a chance of being wrong a proof may have where one without
             would cost much more; 0 for none: then there may only be an estimate.
@@ -304,21 +323,31 @@ def certify(
         OptionError: for an option out of range.
     """
     grounded = None if priors is None else ground(graph, priors)
-    certificate = _certificate(
-        _call_core(
+    limits: dict[str, Any] = {
+        "tolerance": options.nonnegative("tolerance", tolerance),
+        "max_flops": options.nonnegative("max_flops", max_flops),
+        "time_limit": options.seconds(time_limit),
+        "num_threads": options.threads(num_threads),
+    }
+    chance = options.probability("failure_probability", failure_probability)
+    whole_seed = options.whole("seed", seed, 0, 2**64 - 1)
+    R = _node_rotations(graph, rotations, "rotations")
+    if anisotropic:
+        if grounded is not None:
+            raise OptionError("certify with anisotropic is not possible with priors yet")
+        precisions = given_precisions(graph)
+        core = _call_core(graph, _core.certify_anisotropic, precisions, R, **limits)
+    else:
+        core = _call_core(
             graph,
             _core.certify,
-            _node_rotations(graph, rotations, "rotations"),
-            tolerance=options.nonnegative("tolerance", tolerance),
-            failure_probability=options.probability("failure_probability", failure_probability),
-            seed=options.whole("seed", seed, 0, 2**64 - 1),
-            max_flops=options.nonnegative("max_flops", max_flops),
-            time_limit=options.seconds(time_limit),
-            num_threads=options.threads(num_threads),
+            R,
+            failure_probability=chance,
+            seed=whole_seed,
             priors=None if grounded is None else grounded.core,
-        ),
-        tolerance,
-    )
+            **limits,
+        )
+    certificate = certificate_from_core(core, tolerance)
     assert certificate is not None
     return certificate
 
@@ -334,13 +363,6 @@ def gradient(graph: MeasurementGraph, rotations: ArrayLike) -> NDArray[np.float6
     Row i is the derivative along R_i <- exp([w]) R_i with respect to w (radians) at w = 0.
     """
     return _call_core(graph, _core.gradient, _node_rotations(graph, rotations, "rotations"))
-
-
-def _certificate(core: dict[str, Any], tolerance: float) -> Certificate | None:
-    if core["verdict"] == "not_run":
-        return None
-    components = (ComponentCertificate(**part) for part in core["components"])
-    return Certificate(**{**core, "tolerance": tolerance, "components": tuple(components)})
 
 
 def _call_core(

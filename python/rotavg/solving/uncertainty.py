@@ -51,6 +51,10 @@ def covariances(
         raise OptionError(f"frame is {frame!r}, expected 'world' or 'node'")
     rows = None if pairs is None else _rows(solution, pairs)
     graph, grounded = solution.graph, solution.grounded
+    if grounded is not None and solution.isotropic is not None:
+        raise SolverError(
+            "covariances of rotations with anisotropic noise and priors are not known yet"
+        )
     if solution.robust is not None:
         # What is distrusted counts for nothing, but keeps the parts of the graph together.
         graph = graph.with_weights(graph.weights * np.where(solution.is_outlier, 1e-6, 1.0))

@@ -4,12 +4,14 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include <rotavg/certify/bound.hpp>
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/certify/component_bound.hpp>
+#include <rotavg/certify/component_certificate.hpp>
 #include <rotavg/compiled.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
@@ -27,39 +29,6 @@
 namespace rotavg {
 
 namespace detail {
-
-/// Of the sum of weights: an objective that is 1e-6 of this, with residuals of 1e-13 rad, is zero
-/// to the rounding of measurements and rotations.
-constexpr double objective_floor = 1e-20;
-
-/// What the gap of one component is held against.
-struct Measure {
-  double objective = 0.0;  ///< its part of f(R), plus what rounding can have taken away
-  double constant = 0.0;   ///< what gravity's edges cost at any R, and is not in the objective
-  /// Sum of w, where no edge counts for more than 1000 times the lightest: or a few heavy edges
-  /// would hide all that the others say.
-  double weight = 0.0;
-  double total_weight = 0.0, num_edges = 0.0;
-  double lightest = std::numeric_limits<double>::infinity();
-
-  Measure& operator+=(const Measure& other) {
-    objective += other.objective;
-    constant += other.constant;
-    total_weight += other.total_weight;
-    num_edges += other.num_edges;
-    lightest = std::min(lightest, other.lightest);
-    return *this;
-  }
-
-  /// What a gap is relative to; NaN where the objective is.
-  double scale() const {
-    const double floor = objective_floor * weight;
-    return objective < floor ? floor : objective;
-  }
-  double relative(double gap) const { return gap / scale(); }
-  /// The mean square of the residuals, as good as.
-  double noise() const { return (objective + constant) / total_weight; }
-};
 
 inline std::vector<Measure> measure_components(const ResidualQuaternions& residuals,
                                                const Components& components,
@@ -113,42 +82,6 @@ inline std::vector<Measure> measure_components(const ResidualQuaternions& residu
   return measures;
 }
 
-/// The larger of two numbers; NaN if one of them is.
-inline double larger(double a, double b) { return std::isnan(a) || b <= a ? a : b; }
-
-inline Verdict verdict_of(const ComponentCertificate& certificate, double tolerance) {
-  if (!(certificate.relative_gap <= tolerance)) return Verdict::not_certified;
-  return certificate.method == CertificateMethod::eigenvalue ? Verdict::estimated : Verdict::proved;
-}
-
-/// @param bound what S at R says
-/// @param known what is known besides: f* is not below it
-inline ComponentCertificate certify_component(const ComponentBound& bound, const LowerBound& known,
-                                              const Measure& measure, double tolerance) {
-  ComponentCertificate certificate;
-  certificate.method = bound.method;
-  certificate.gap = bound.gap;
-  certificate.lambda_min = bound.lambda_min > 0.0 ? 0.0 : bound.lambda_min;  // as N^T S N = 0
-  certificate.failure_probability = bound.failure_probability;
-  const double least = std::max(0.0, known.value - measure.constant);
-  const double gap = measure.objective - least;
-  // A known bound is the better proof where it leaves nothing to gain.
-  const bool nothing_left = measure.relative(gap) <= tolerance && known.method < bound.method;
-  if (nothing_left || !(bound.gap < gap)) certificate.gap = gap;
-  if (nothing_left || (least > 0.0 && !(bound.gap < gap))) certificate.method = known.method;
-  if (certificate.method != bound.method) certificate.failure_probability = 0.0;
-  certificate.relative_gap = measure.relative(certificate.gap);
-  certificate.verdict = verdict_of(certificate, tolerance);
-  if (certificate.verdict == Verdict::not_certified) {
-    certificate.shortfall = certificate.method == CertificateMethod::relaxation
-                                ? Shortfall::relaxation
-                            : bound.is_definite      ? Shortfall::leftover
-                            : bound.lambda_min < 0.0 ? Shortfall::negative
-                                                     : Shortfall::undecided;
-  }
-  return certificate;
-}
-
 }  // namespace detail
 
 ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations& R,
@@ -163,9 +96,7 @@ ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations
   const ResidualQuaternions residuals(graph, q, num_threads);
   const NodeSums sums(residuals);
   const auto measures = detail::measure_components(residuals, components, gravity);
-  Certificate certificate;
-  certificate.gap = certificate.relative_gap = 0.0;
-  certificate.method = CertificateMethod::factorization;
+  std::vector<ComponentCertificate> parts;
   for (Index c = 0; c < components.size(); ++c) {
     ComponentCertificate part;
     if (components.nodes[c].size() < 2) {  // every rotation is optimal
@@ -178,15 +109,9 @@ ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations
       part = detail::certify_component(bound, known.empty() ? LowerBound{} : known[c], measures[c],
                                        options.tolerance);
     }
-    certificate.method = std::max(certificate.method, part.method);
-    certificate.gap += part.gap;
-    if (!(part.relative_gap <= certificate.relative_gap)) certificate.shortfall = part.shortfall;
-    certificate.relative_gap = detail::larger(certificate.relative_gap, part.relative_gap);
-    certificate.failure_probability += part.failure_probability;
-    certificate.lambda_min = -detail::larger(-certificate.lambda_min, -part.lambda_min);
-    certificate.components.push_back(part);
+    parts.push_back(part);
   }
-  certificate.verdict = detail::verdict_of(certificate, options.tolerance);
+  Certificate certificate = detail::certificate_of(std::move(parts), options.tolerance);
   const bool stopped = options.keep_going && !options.keep_going();
   if (stopped && certificate.shortfall == Shortfall::undecided) {
     certificate.shortfall = Shortfall::stopped;

@@ -1,0 +1,235 @@
+"""What full covariances bring, and what is proved: python -m benchmarks.anisotropic PART.
+
+table   the share proved of simulated graphs, by ratio of precisions and noise
+files   pose graphs with their files' full information: verdict, gap, CPU time against isotropic
+sphinx  lu_sphinx with its two-view precisions against the truth
+factor  by how much the mean squared error falls, Monte Carlo against theory
+sdp     bounds against a semidefinite program (needs the package clarabel)
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import rotavg
+from benchmarks.relaxation import accuracy, relaxation
+from rotavg.graph.conventions import matrices_from_quaternions, matrices_from_rotvecs
+
+DATA = Path(os.environ.get("ROTAVG_DATA", Path(__file__).parents[2] / "shared" / "data"))
+RATIOS = ((1, 1, 1), (1, 2, 2.9), (1, 3, 10), (1, 1, 100))
+
+
+def random_rotations(rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+    """(n, 3, 3) uniform."""
+    q = rng.normal(size=(n, 4))
+    return matrices_from_quaternions(q / np.linalg.norm(q, axis=1, keepdims=True))
+
+
+def simulated(
+    rng: np.random.Generator,
+    n: int,
+    density: float,
+    ratio: tuple[float, float, float],
+    noise: float,
+) -> tuple[rotavg.MeasurementGraph, NDArray[np.float64]]:
+    """A connected random graph whose edges know their axes as `ratio` says, and the truth.
+
+    The axes are random; the RMS noise angle of every edge is `noise` radians.
+    """
+    i, j = np.triu_indices(n, 1)
+    kept = (j == i + 1) | (rng.random(len(i)) < density)
+    edges = np.stack([i[kept], j[kept]], axis=1)
+    truth = random_rotations(rng, n)
+    axes = random_rotations(rng, len(edges))
+    variances = 1 / np.asarray(ratio, dtype=float)
+    variances *= noise**2 / variances.sum()
+    covariances = axes @ (variances[:, None] * np.swapaxes(axes, 1, 2))
+    covariances = (covariances + np.swapaxes(covariances, 1, 2)) / 2
+    e = np.einsum("kab,kb->ka", axes, np.sqrt(variances) * rng.normal(size=(len(edges), 3)))
+    exact = np.swapaxes(truth[edges[:, 0]], 1, 2) @ truth[edges[:, 1]]
+    graph = rotavg.MeasurementGraph(
+        edges, exact @ matrices_from_rotvecs(e), covariances=covariances, nodes=range(n)
+    )
+    return graph, truth
+
+
+def table(runs: int) -> None:
+    """The share proved."""
+    print("| precisions | noise [rad] | nodes, density | proved | largest gap of the rest |")
+    print("|---|---|---|---|---|")
+    for ratio in RATIOS:
+        for noise in (0.01, 0.05, 0.1, 0.2, 0.3, 0.6):
+            for n, density in ((12, 1.0), (30, 0.3), (30, 0.15)):
+                gaps = []
+                for seed in range(runs):
+                    graph, _ = simulated(np.random.default_rng(seed), n, density, ratio, noise)
+                    certificate = rotavg.solve(graph, anisotropic=True, num_threads=1).certificate
+                    assert certificate is not None
+                    if certificate.verdict != "proved":
+                        gaps.append(certificate.relative_gap)
+                name = ":".join(f"{x:g}" for x in ratio)
+                rest = f"{max(gaps):.2g}" if gaps else ""
+                print(f"| {name} | {noise} | {n}, {density:g} | {runs - len(gaps)} of {runs} "
+                      f"| {rest} |", flush=True)  # fmt: skip
+
+
+def cpu(graph: rotavg.MeasurementGraph, runs: int, **options: Any) -> tuple[float, Any]:
+    """Median CPU seconds of this thread, and the last solution."""
+    seconds = []
+    for _ in range(runs):
+        began = time.thread_time()
+        solution = rotavg.solve(graph, num_threads=1, **options)
+        seconds.append(time.thread_time() - began)
+    return statistics.median(seconds), solution
+
+
+def files(names: list[str], runs: int) -> None:
+    """Pose graphs with the information of their files."""
+    print("| graph | isotropic, CPU s | anisotropic, CPU s | ratio | verdict | relative gap |")
+    print("|---|---|---|---|---|---|")
+    for name in names:
+        graph = rotavg.read(DATA / "g2o" / f"{name}.g2o")
+        plain, _ = cpu(graph, runs)
+        full, solution = cpu(graph, runs, anisotropic=True)
+        c = solution.certificate
+        print(f"| {name} | {plain:.4f} | {full:.4f} | {full / plain:.2f} | {c.verdict} "
+              f"| {c.relative_gap:.2g} |", flush=True)  # fmt: skip
+
+
+def sphinx() -> None:
+    """lu_sphinx: errors against the truth, after the best common rotation."""
+    d = np.load(DATA / "viewgraphs" / "lu_sphinx.npz")
+    precision = d["precision"]
+    covariances = np.linalg.inv((precision + np.swapaxes(precision, 1, 2)) / 2)
+    covariances = (covariances + np.swapaxes(covariances, 1, 2)) / 2
+    graph = rotavg.MeasurementGraph(d["edges"], d["rotations"], covariances=covariances)
+    truth = d["ground_truth"][graph.nodes]
+    known = d["has_ground_truth"][graph.nodes]
+    for loss in ("l2", "auto"):
+        for anisotropic in (False, True, "log"):
+            solution = rotavg.solve(graph, loss=loss, anisotropic=anisotropic)
+            error = rotavg.compare(solution.rotations[known], truth[known])
+            verdict = "none" if solution.certificate is None else solution.certificate.verdict
+            print(f"loss {loss}, anisotropic {anisotropic}: mean error "
+                  f"{np.degrees(error.angles.mean()):.4f} deg, certificate {verdict}")  # fmt: skip
+    best = rotavg.solve(graph, anisotropic=True)
+    others = [rotavg.solve(graph, init="random", seed=seed, anisotropic=True) for seed in range(10)]
+    print("objective", best.objective, "from ten random starts",
+          [f"{s.objective / best.objective - 1:.1g}" for s in others])  # fmt: skip
+
+
+def factor(runs: int) -> None:
+    """The mean squared error with covariances over that with scalar weights."""
+    print("| precisions | theory | Monte Carlo |")
+    print("|---|---|---|")
+    for ratio in RATIOS[1:]:
+        _, truth = simulated(np.random.default_rng(0), 12, 0.5, ratio, 0.01)
+        squares = np.zeros(2)
+        predicted = np.zeros(2)
+        for seed in range(runs):
+            rng = np.random.default_rng(7)  # the same graph, truth and axes
+            graph, truth = simulated(rng, 12, 0.5, ratio, 0.01)
+            assert graph.covariances is not None
+            i, j = graph.indices.T
+            root = np.linalg.cholesky(graph.covariances)
+            e = np.einsum("kab,kb->ka", root, np.random.default_rng(seed).normal(size=(len(i), 3)))
+            exact = np.swapaxes(truth[i], 1, 2) @ truth[j]
+            graph = rotavg.MeasurementGraph(
+                graph.edges, exact @ matrices_from_rotvecs(e), covariances=graph.covariances
+            )
+            if seed == 0:
+                predicted = theory(graph, truth)
+            for k, anisotropic in enumerate((False, True)):
+                R = rotavg.solve(
+                    graph, anisotropic=anisotropic, certify=False, num_threads=1
+                ).rotations
+                E = R @ np.swapaxes(truth, 1, 2)
+                E = E @ E[0].T
+                squares[k] += np.sum((E - np.eye(3)) ** 2) / 2
+        name = ":".join(f"{x:g}" for x in ratio)
+        print(f"| {name} | {predicted[1] / predicted[0]:.3f} | {squares[1] / squares[0]:.3f} |",
+              flush=True)  # fmt: skip
+
+
+def theory(graph: rotavg.MeasurementGraph, R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Traces of the errors' covariances, first node held: scalar weights, full ones."""
+    assert graph.covariances is not None
+    n, (i, j) = graph.num_nodes, graph.indices.T
+    B = np.zeros((3 * graph.num_edges, 3 * n))
+    for k in range(graph.num_edges):
+        B[3 * k : 3 * k + 3, 3 * i[k] : 3 * i[k] + 3] = -R[j[k]].T
+        B[3 * k : 3 * k + 3, 3 * j[k] : 3 * j[k] + 3] = R[j[k]].T
+    B = B[:, 3:]
+    C = np.zeros((3 * graph.num_edges, 3 * graph.num_edges))
+    W = np.zeros_like(C)
+    for k, covariance in enumerate(graph.covariances):
+        rows = slice(3 * k, 3 * k + 3)
+        C[rows, rows] = covariance
+        W[rows, rows] = graph.weights[k] * np.eye(3)
+    estimator = np.linalg.solve(B.T @ W @ B, B.T @ W)
+    scalar = np.trace(estimator @ C @ estimator.T)
+    full = np.trace(np.linalg.inv(B.T @ np.linalg.solve(C, B)))
+    return np.array([scalar, full])
+
+
+def sdp(runs: int) -> None:
+    """No bound of ours may lie above that of the relaxation; where ours proves, they are one."""
+    proved = refuted = tight = 0
+    worst = 0.0
+    for seed in range(runs):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(3, 13))
+        ratio = RATIOS[1 + seed % 3]
+        noise = float(rng.choice([0.05, 0.3, 0.6, 1.0]))
+        graph, _ = simulated(rng, n, 0.5, ratio, noise)
+        solution = rotavg.solve(graph, anisotropic=True, num_threads=1)
+        c = solution.certificate
+        assert c is not None
+        optimum = relaxation(graph)
+        # The rotations are feasible: by what lies above them the solver is off.
+        error = accuracy(graph, solution.objective) + max(0.0, optimum - solution.objective)
+        above = (solution.objective - c.gap - optimum) / error
+        worst = max(worst, above)
+        if c.verdict == "proved":
+            proved += 1
+            if solution.objective - optimum > error:
+                print(f"seed {seed}: proved {solution.objective}, relaxation {optimum}")
+        elif solution.objective - optimum <= error:
+            tight += 1
+        else:
+            refuted += 1
+    print(f"{runs} graphs: {proved} proved, {tight} more are tight by the relaxation, {refuted} "
+          f"are not; our bounds lie at most {worst:.2f} of its error above")  # fmt: skip
+
+
+def main() -> None:
+    """Run one part."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("part", choices=("table", "files", "sphinx", "factor", "sdp"))
+    parser.add_argument("--runs", type=int, default=0)
+    parser.add_argument("--graphs", nargs="*", default=["sphere2500", "torus3D", "parking-garage"])
+    options = parser.parse_args()
+    if options.part == "table":
+        table(options.runs or 40)
+    elif options.part == "files":
+        files(options.graphs, options.runs or 5)
+    elif options.part == "sphinx":
+        sphinx()
+    elif options.part == "factor":
+        factor(options.runs or 500)
+    else:
+        sdp(options.runs or 200)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <rotavg/anisotropic/split.hpp>
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
+#include <rotavg/linalg/block_cholesky.hpp>
+#include <rotavg/linalg/cholesky_rounding.hpp>
+#include <rotavg/so3/lie.hpp>
+#include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+/// S of one connected component (anisotropic/split.hpp), in the global frame:
+///
+///     S_ij = - sum (W + [p]),     S_ii = sum W.
+///
+/// As in the isotropic CertificateMatrix, N^T S N = 0 with N = [I … I]^T at any rotations, and S N
+/// is the leftover of the gradient.
+class AnisotropicCertificateMatrix {
+ public:
+  /// @param splits, components must outlive this object
+  AnisotropicCertificateMatrix(const EdgeSplits& splits, const Components& components,
+                               Index component)
+      : graph_(splits.residuals().graph()),
+        components_(components),
+        nodes_(components.nodes[component]),
+        force_(splits.residuals()()),
+        W_(force_.size()),
+        diagonal_(nodes_.size(), Matrix3::Zero()),
+        scale_(nodes_.size(), 0.0),
+        precision_(nodes_.size(), 0.0) {
+    for (Index a = 0; a < num_nodes(); ++a) {
+      for (const HalfEdge& h : graph_.row(nodes_[a])) {
+        if (!h.is_i()) continue;
+        const Index k = h.edge(), b = row(h.node);
+        edges_.push_back({k, a, b});
+        W_[k] = splits.W(k);
+        const double trace = graph_.precisions()[k].trace();
+        const double size = W_[k].norm() + force_[k].p.norm() + 0.1 * trace;
+        for (const Index end : {a, b}) {
+          diagonal_[end] += W_[k];
+          scale_[end] += size;
+          precision_[end] += trace;
+        }
+      }
+    }
+  }
+
+  /// An edge of the component, its ends as rows.
+  struct Edge {
+    Index edge, i, j;
+  };
+
+  const std::vector<Edge>& edges() const { return edges_; }
+  Index num_nodes() const { return static_cast<Index>(nodes_.size()); }
+  Eigen::Index size() const { return 3 * static_cast<Eigen::Index>(num_nodes()); }
+  /// At least the largest absolute entry of the blocks in row a, and of their sum.
+  double scale(Index a) const { return scale_[a]; }
+
+  /// S X, without forming S.
+  Eigen::MatrixXd apply(const Eigen::MatrixXd& X) const {
+    Eigen::MatrixXd Y = Eigen::MatrixXd::Zero(X.rows(), X.cols());
+    for (const Edge& e : edges_) {
+      const Vector3& p = force_[e.edge].p;
+      for (Eigen::Index c = 0; c < X.cols(); ++c) {
+        const Vector3 x_i = X.col(c).segment<3>(3 * e.i), x_j = X.col(c).segment<3>(3 * e.j);
+        const Vector3 d = x_i - x_j, stretch = W_[e.edge] * d;
+        Y.col(c).segment<3>(3 * e.i) += stretch - p.cross(x_j);
+        Y.col(c).segment<3>(3 * e.j) += p.cross(x_i) - stretch;
+      }
+    }
+    return Y;
+  }
+
+  /// S N: -[g_i / 4] with g the gradient.
+  Eigen::MatrixXd leftover() const {
+    std::vector<Vector3> sum(nodes_.size(), Vector3::Zero());
+    for (const Edge& e : edges_) {
+      sum[e.i] -= force_[e.edge].p;
+      sum[e.j] += force_[e.edge].p;
+    }
+    Eigen::MatrixXd K(size(), 3);
+    for (Index a = 0; a < num_nodes(); ++a) K.middleRows<3>(3 * a) = hat(sum[a]);
+    return K;
+  }
+
+  /// S + diag(shift), without the nodes that the elimination skips.
+  /// @param shift (n,) one number for each node of the component
+  BlockCholesky<3>::Blocks blocks(Elimination& elimination,
+                                  const std::vector<double>& shift) const {
+    return elimination.assemble<3>(
+        [&](Index i) {
+          const Index a = row(i);
+          Matrix3 block = diagonal_[a];
+          add_to_diagonal(block, shift[a]);
+          return block;
+        },
+        [&](Index k) { return Matrix3(-(W_[k] + hat(force_[k].p))); });
+  }
+
+  /// How far rounding can have moved S as a quadratic form: by at most sum_a block_rounding(a)
+  /// |x_a|^2. (W is what it is, EdgeSplits::W: only its sums round, and W + [p].) The turn p, of a
+  /// residual quaternion with an error of 32 u and an H with one of 40 u, is off by 200 u tr(H).
+  double block_rounding(Index a) const {
+    const double terms = 8.0 * graph_.row(nodes_[a]).size() + 16.0;
+    return unit_roundoff * (terms * scale_[a] + 200.0 * precision_[a]);
+  }
+  /// The same of the leftover's block at a: a bound on |dK_a|_F.
+  double leftover_rounding(Index a) const { return 2.0 * block_rounding(a); }
+
+ private:
+  Index row(Index node) const { return components_.row_in_component[node]; }
+
+  const AnisotropicGraph& graph_;
+  const Components& components_;
+  const std::vector<Index>& nodes_;
+  const std::vector<EdgeForce>& force_;
+  std::vector<Matrix3> W_;  ///< of every edge of the graph; those of other components are not set
+  std::vector<Edge> edges_;
+  std::vector<Matrix3> diagonal_;
+  std::vector<double> scale_;
+  std::vector<double> precision_;  ///< sum of tr(H) at every node
+};
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <vector>
+
+#include <rotavg/anisotropic/graph.hpp>
+#include <rotavg/certify/bound.hpp>
+#include <rotavg/certify/certificate.hpp>
+#include <rotavg/compiled.hpp>
+#include <rotavg/graph/components.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+class Elimination;
+
+/// Certifies rotations as the answer to measurements with full covariances: f(R) - f* <= gap.
+///
+/// The splits of the edges (anisotropic/split.hpp) are those of the closed form; where these do not
+/// prove, they are improved by a few steps. What is left then is a bound all the same. No random
+/// start is tried: graphs that cannot be factorised within the limits get the bound f* >= 0.
+///
+/// @param R world_from_i, one rotation per node
+/// @param eliminations of all components, without their roots
+ROTAVG_INLINE Certificate certify(const AnisotropicGraph& graph, const Rotations& R,
+                                  const Components& components,
+                                  std::vector<Elimination>& eliminations,
+                                  const CertificateOptions& options);
+
+/// The same for rotations that anybody found.
+/// @throws std::invalid_argument unless `given` holds a rotation for each node
+ROTAVG_INLINE Certificate certify(const AnisotropicGraph& graph, const Rotations& given,
+                                  const CertificateOptions& options = {});
+
+}  // namespace rotavg
+
+#ifndef ROTAVG_COMPILED
+#include <rotavg/anisotropic/certify_impl.hpp>
+#endif

@@ -1,0 +1,141 @@
+#pragma once
+
+#include <algorithm>
+#include <limits>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include <rotavg/anisotropic/certificate_matrix.hpp>
+#include <rotavg/anisotropic/certify.hpp>
+#include <rotavg/anisotropic/improve_split.hpp>
+#include <rotavg/anisotropic/proof.hpp>
+#include <rotavg/anisotropic/residuals.hpp>
+#include <rotavg/anisotropic/split.hpp>
+#include <rotavg/certify/component_certificate.hpp>
+#include <rotavg/compiled.hpp>
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
+#include <rotavg/linalg/cholesky_rounding.hpp>
+#include <rotavg/linalg/memory.hpp>
+#include <rotavg/parallel/threads.hpp>
+#include <rotavg/problem/check_rotations.hpp>
+#include <rotavg/problem/objective.hpp>
+#include <rotavg/so3/quaternion.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+namespace detail {
+
+/// What the gap of every component is held against; the weight of an edge is its scalar one.
+inline std::vector<Measure> measure_components(const AnisotropicResiduals& residuals,
+                                               const Components& components) {
+  constexpr double most = 1000.0;  // times the lightest, as without covariances
+  std::vector<Measure> measures(components.nodes.size());
+  std::vector<double> lightest(measures.size(), std::numeric_limits<double>::infinity());
+  const auto& edges = residuals.graph().scalar().edges();
+  for (std::size_t k = 0; k < edges.size(); ++k) {
+    const Index c = components.label[edges[k].i];
+    measures[c].objective += residuals()[k].cost;
+    measures[c].total_weight += edges[k].weight;
+    measures[c].num_edges += 1.0;
+    lightest[c] = std::min(lightest[c], edges[k].weight);
+  }
+  for (const Edge& e : edges) {
+    const Index c = components.label[e.i];
+    measures[c].weight += std::min(e.weight, most * lightest[c]);
+  }
+  for (Measure& measure : measures) {
+    const double summing = unit_roundoff * measure.num_edges * measure.objective;
+    measure.objective +=
+        4.0 * objective_rounding(6.0 * measure.total_weight, measure.objective) + summing;
+  }
+  return measures;
+}
+
+/// What S at some rotations says of one component: with the splits in closed form, and if these do
+/// not prove, with better ones; at last the gap that the best of them leaves.
+/// @param resolution how small a gap has to be told from zero
+inline ComponentBound bound_component(EdgeSplits& splits, const Components& components,
+                                      Index component, Elimination& elimination, double resolution,
+                                      const CertificateOptions& options) {
+  constexpr int most_steps = 25, steps_where_definite = 5;
+  const double max_flops = options.max_factorization_flops;
+  const auto is_possible = [max_flops](Elimination& of) {
+    return of.flops(3, max_flops) <= max_flops && of.factor_bytes(3) <= available_memory();
+  };
+  const auto stopped = [&] { return options.keep_going && !options.keep_going(); };
+  if (!is_possible(elimination)) return {};
+  std::optional<SplitImprovement> improvement;
+  std::optional<EdgeSplits> best;
+  double value = 0.0, lambda_min = 0.0;  // of the best
+  ComponentBound definite;               // where S is positive, but rounding or R leave a gap
+  for (int k = 0;; ++k) {
+    const AnisotropicCertificateMatrix S(splits, components, component);
+    const ComponentBound bound =
+        bound_by_grounded_factorization(S, elimination, options.keep_going);
+    if (bound.gap < definite.gap) definite = bound;
+    if (definite.gap <= resolution || stopped()) return definite;
+    if (!improvement) improvement.emplace(splits, elimination);
+    if (!improvement->measure(S, options.keep_going)) break;
+    if (!best || improvement->value() > value) {
+      best = splits;
+      value = improvement->value();
+      lambda_min = improvement->lambda_min();
+    }
+    const int most = definite.is_definite ? steps_where_definite : most_steps;
+    if (k >= most || !improvement->step(S)) break;
+  }
+  if (definite.is_definite) return definite;
+  Elimination whole(splits.residuals().graph().scalar(), components, component, /*skipped=*/0);
+  if (!best || stopped() || !is_possible(whole)) return {};
+  ComponentBound bound =
+      bound_by_shifted_factorization(AnisotropicCertificateMatrix(*best, components, component),
+                                     whole, -value, options.keep_going);
+  bound.lambda_min = lambda_min;
+  return bound;
+}
+
+}  // namespace detail
+
+ROTAVG_INLINE Certificate certify(const AnisotropicGraph& graph, const Rotations& R,
+                                  const Components& components,
+                                  std::vector<Elimination>& eliminations,
+                                  const CertificateOptions& options) {
+  const int num_threads = resolve_num_threads(options.num_threads, graph.num_edges());
+  const AnisotropicResiduals residuals(graph, to_quaternions(R), num_threads);
+  EdgeSplits splits(residuals);
+  const auto measures = detail::measure_components(residuals, components);
+  std::vector<ComponentCertificate> parts;
+  for (Index c = 0; c < components.size(); ++c) {
+    if (components.nodes[c].size() < 2) {  // every rotation is optimal
+      parts.push_back({Verdict::proved, CertificateMethod::factorization, 0.0, 0.0, 0.0});
+      continue;
+    }
+    const double resolution = measures[c].scale() * options.tolerance;
+    const ComponentBound bound =
+        detail::bound_component(splits, components, c, eliminations[c], resolution, options);
+    parts.push_back(detail::certify_component(bound, LowerBound{}, measures[c], options.tolerance));
+  }
+  Certificate certificate = detail::certificate_of(std::move(parts), options.tolerance);
+  const bool stopped = options.keep_going && !options.keep_going();
+  if (stopped && certificate.shortfall == Shortfall::undecided) {
+    certificate.shortfall = Shortfall::stopped;
+  }
+  return certificate;
+}
+
+ROTAVG_INLINE Certificate certify(const AnisotropicGraph& graph, const Rotations& given,
+                                  const CertificateOptions& options) {
+  const Components components = connected_components(graph.scalar());
+  std::vector<Elimination> eliminations = grounded_eliminations(graph.scalar(), components);
+  return certify(graph, checked_rotations(graph.scalar(), given), components, eliminations,
+                 options);
+}
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop

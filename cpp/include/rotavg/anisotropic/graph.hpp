@@ -1,0 +1,112 @@
+#pragma once
+
+#include <cmath>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <rotavg/anisotropic/symmetric_eigen.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/small_products.hpp>
+#include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+/// Measurements that know some axes better than others. With H_ij >= 0 the precision (inverse
+/// covariance, radians^-2) of the error r = log(R_ij^T R_i^T R_j), in the frame of j,
+///
+///     f(R) = sum 2 (tr M - tr(R_i N_ij R_j^T)),     N = R_ij M,     M = tr(H) / 2 I - H:
+///
+/// the paper's (20) with general 3 x 3 blocks N_ij in Rt instead of w_ij R_ij. An edge costs 4 v^T
+/// H v with v = sin(|r| / 2) r / |r|, which is r^T H r for small r; H = h I is the weight h / 2.
+class AnisotropicGraph {
+ public:
+  /// @param graph whose weights do not count
+  /// @param precisions (m,) H of every edge; they may be singular, but not zero
+  /// @throws InvalidEdge for one that is not finite, symmetric and positive semidefinite
+  /// @throws std::invalid_argument unless there is one for each edge
+  AnisotropicGraph(MeasurementGraph graph, std::vector<Matrix3> precisions)
+      : scalar_(std::move(graph)), precisions_(std::move(precisions)) {
+    if (precisions_.size() != scalar_.edges().size()) {
+      throw std::invalid_argument("found " + std::to_string(precisions_.size()) +
+                                  " precisions; expected " +
+                                  std::to_string(scalar_.edges().size()) + ", one for each edge");
+    }
+    std::vector<double> weights;
+    blocks_.reserve(precisions_.size());
+    weights.reserve(precisions_.size());
+    for (Index k = 0; k < num_edges(); ++k) {
+      precisions_[k] = checked_precision(k, precisions_[k]);
+      weights.push_back(precisions_[k].trace() / 6.0);
+      Matrix3 M = -precisions_[k];
+      add_to_diagonal(M, 3.0 * weights.back());
+      blocks_.push_back(scalar_.edges()[k].i_from_j * M);
+    }
+    scalar_.set_weights(weights);
+  }
+
+  /// The same measurements with the weights tr(H) / 6, whose objective is the mean of f over all
+  /// turns of the precisions: it has the ends of the edges, starts and metrics.
+  const MeasurementGraph& scalar() const { return scalar_; }
+  Index num_nodes() const { return scalar_.num_nodes(); }
+  Index num_edges() const { return scalar_.num_edges(); }
+  MeasurementGraph::Row row(Index l) const { return scalar_.row(l); }
+  /// Sum of the scalar weights at node l.
+  double degree(Index l) const { return scalar_.degree(l); }
+
+  /// (m,) H.
+  const std::vector<Matrix3>& precisions() const { return precisions_; }
+  /// The block Rt_lq of a half-edge of node l.
+  Matrix3 block(const HalfEdge& h) const {
+    const Matrix3& N = blocks_[h.edge()];
+    return h.is_i() ? N : Matrix3(N.transpose());
+  }
+
+ private:
+  static Matrix3 checked_precision(Index k, const Matrix3& H) {
+    constexpr double slight = 1e-9;
+    if (!H.allFinite()) throw InvalidEdge(k, "the precision holds a NaN or an infinity");
+    const double size = H.cwiseAbs().maxCoeff();
+    const Matrix3 symmetric = symmetric_part(H);
+    if ((H - symmetric).cwiseAbs().maxCoeff() > slight * size) {
+      throw InvalidEdge(k, "the precision is not symmetric");
+    }
+    if (!(size > 0.0) || symmetric_eigen(symmetric).values(0) < -slight * size) {
+      std::ostringstream reason;
+      reason.precision(6);
+      reason << "the precision is zero or has a negative eigenvalue, "
+             << symmetric_eigen(symmetric).values(0) << "; expected it positive semidefinite";
+      throw InvalidEdge(k, reason.str());
+    }
+    return symmetric;
+  }
+
+  MeasurementGraph scalar_;
+  std::vector<Matrix3> precisions_;
+  std::vector<Matrix3> blocks_;  ///< N
+};
+
+/// Any block N_ij of Rt as a rotation and a precision: R_ij is the rotation nearest to N, and with
+/// M = sym(R_ij^T N) the precision is H = tr(M) I - M, which is never negative. (Registered point
+/// clouds: N = sum a b^T over points a, b of i and j.)
+struct BlockMeasurement {
+  Matrix3 i_from_j;
+  Matrix3 precision;
+};
+inline BlockMeasurement measurement_from_block(const Matrix3& N) {
+  const Matrix3 R = nearest_rotation(N);
+  const Matrix3 M = symmetric_part(transposed_product(R, N));
+  Matrix3 H = -M;
+  add_to_diagonal(H, M.trace());
+  return {R, H};
+}
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -1,0 +1,124 @@
+#pragma once
+
+#include <cmath>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <rotavg/anisotropic/graph.hpp>
+#include <rotavg/parallel/reduce.hpp>
+#include <rotavg/problem/gradient.hpp>
+#include <rotavg/problem/objective.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/so3/lie.hpp>
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/so3/small_products.hpp>
+#include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+/// The paper's A_l (10) for general blocks, so that 2 tr(A_l R_l) is the part of f that depends on
+/// R_l: A_l = - sum_q Rt_lq R_q^T.
+inline Matrix3 linear_cost(const AnisotropicGraph& graph, const Rotations& R, Index l) {
+  Matrix3 A = Matrix3::Zero();
+  for (const HalfEdge& h : graph.row(l)) A -= product_transposed(graph.block(h), R[h.node]);
+  return A;
+}
+
+/// What is known of an edge at some rotations, in the global frame. With G = R_i N R_j^T, sym and
+/// skew its symmetric and antisymmetric part,
+///
+///     T = tr(G) I - sym(G),     [p] = skew(G).
+///
+/// T is the precision that is felt there (R_j H R_j^T where the edge fits), and 4 p the gradient.
+struct EdgeForce {
+  Matrix3 T;
+  Vector3 p;
+  double cost;  ///< what the edge adds to the objective
+};
+
+/// All edges at some rotations.
+///
+///     objective      4 v^T H v, (v, s) the unit quaternion of E = R_i R_ij R_j^T, H turned by R_j
+///     gradient       4 p at i, -4 p at j,     p = s H v + v x H v
+///     Hessian        2 T at ii and jj, -2 (T + [p]) at ij
+///     certificate    anisotropic/split.hpp
+///
+/// The objective and p are exact to a few roundings of v, however small it is.
+class AnisotropicResiduals {
+ public:
+  /// @param graph must outlive this object
+  /// @param q world_from_i, one unit quaternion per node
+  AnisotropicResiduals(const AnisotropicGraph& graph, const Quaternions& q, int num_threads)
+      : graph_(&graph), num_threads_(num_threads), force_(graph.precisions().size()) {
+    update(q);
+  }
+
+  /// Moves to other rotations.
+  void update(const Quaternions& q) {
+    const auto& edges = graph_->scalar().edges();
+    const auto& quaternion_edges = graph_->scalar().quaternion_edges();
+    objective_ = block_sum<double>(graph_->num_edges(), num_threads_, [&](Index k) {
+      const Vector4 e = residual_quaternion(quaternion_edges[k], q) / std::sqrt(edges[k].weight);
+      const Vector3 v = e.head<3>();
+      const Matrix3 R_j = weighted_rotation(q[edges[k].j]);
+      const Matrix3 H = product_transposed(R_j * graph_->precisions()[k], R_j);
+      const Vector3 Hv = H * v;
+      // G = M + 2 s [v] M + 2 [v]^2 M, M = tr(H) / 2 I - H
+      Matrix3 M = -H;
+      add_to_diagonal(M, 0.5 * H.trace());
+      const Matrix3 G = weighted_rotation(Quaternion(e)) * M;
+      force_[k].T = -symmetric_part(G);
+      add_to_diagonal(force_[k].T, G.trace());
+      force_[k].p = e.w() * Hv + v.cross(Hv);
+      return force_[k].cost = 4.0 * v.dot(Hv);
+    });
+  }
+
+  const AnisotropicGraph& graph() const { return *graph_; }
+  int num_threads() const { return num_threads_; }
+  /// (m,)
+  const std::vector<EdgeForce>& operator()() const { return force_; }
+  double objective() const { return objective_; }
+  /// How much rounding can have moved the objective: H is at most its trace, six weights.
+  double objective_rounding() const {
+    return 4.0 * rotavg::objective_rounding(6.0 * graph_->scalar().total_weight(), objective_);
+  }
+
+  /// The gradient of f at node l in the global frame, R_l <- exp(w) R_l.
+  Vector3 gradient(Index l) const {
+    Vector3 sum = Vector3::Zero();
+    for (const HalfEdge& h : graph_->row(l)) {
+      const Vector3& p = force_[h.edge()].p;
+      if (h.is_i()) {
+        sum += p;
+      } else {
+        sum -= p;
+      }
+    }
+    return 4.0 * sum;
+  }
+
+  /// Relative to the scalar weights: about four times the angle by which a node would turn.
+  GradientNorm gradient_norm() const {
+    const auto sums = block_sum<GradientSums>(graph_->num_nodes(), num_threads_, [&](Index l) {
+      if (graph_->row(l).size() == 0) return GradientSums{};
+      const double square = gradient(l).squaredNorm();
+      return GradientSums{square, std::sqrt(square) / graph_->degree(l)};
+    });
+    return {std::sqrt(sums.squares), sums.largest};
+  }
+
+ private:
+  const AnisotropicGraph* graph_;
+  int num_threads_;
+  std::vector<EdgeForce> force_;
+  double objective_ = 0.0;
+};
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -1,0 +1,100 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <rotavg/anisotropic/residuals.hpp>
+#include <rotavg/anisotropic/symmetric_eigen.hpp>
+#include <rotavg/so3/small_products.hpp>
+#include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+/// What Theorem 1 does not know: that X_ij = R_i^T R_j is a rotation for every edge.
+///
+/// For a symmetric P, over X in SO(3) turned into the global frame, -tr(P X) is least at X = I if
+///
+///     Q = tr(P) I - P >= 0,
+///
+/// as tr(P) - tr(P exp[r]) = (1 - cos |r|) u^T Q u. Such a term costs a lower bound nothing and has
+/// no gradient there. So of the block of every edge, G = R_i N R_j^T, some P with Q >= 0 may be
+/// taken away before the certificate matrix is made:
+///
+///     S_ij = - sum (G - P),     S_ii = sum sym(G - P),
+///
+/// S >= 0 proves the optimum, and for any R, stationary or not, f(R) - f* <= tr(S Y) at the worst
+/// feasible Y (Y >= 0, Y_ii = I), as ever. With T = tr(G) I - sym(G) and W = sym(G) - P,
+///
+///     G - P = W + [p],     tr(W) I - W = T - Q,     W = tr(T - Q) / 2 I - (T - Q),
+///
+/// so Q is the part of the precision that is given up for a better W: the edge adds b b^T (x) W to
+/// S and its turn [p].
+///
+/// In closed form: where sym(G) has an eigenvalue -a < 0, with the unit vector u, Q = 2 a u u^T
+/// lifts it to zero at the least cost to the others, a each; elsewhere Q = 0. -a is negative where
+/// one precision exceeds the sum of the other two. (The multipliers are those of the relaxation
+/// with X_ij in the convex hull of SO(3): Olsson, Lochman, Malmport and Zach 2025,
+/// arXiv 2503.07353.)
+class EdgeSplits {
+ public:
+  /// The closed form, at some rotations.
+  /// @param residuals must outlive this object
+  explicit EdgeSplits(const AnisotropicResiduals& residuals)
+      : residuals_(&residuals), Q_(residuals().size(), Matrix3::Zero()) {
+    for (std::size_t k = 0; k < Q_.size(); ++k) {
+      const Matrix3 A = half_trace_less(residuals()[k].T);  // sym(G)
+      if (is_positive(A)) continue;
+      const SymmetricEigen eigen = symmetric_eigen(A);
+      const Vector3 u = eigen.vectors.col(0);
+      Q_[k] = outer_product(2.0 * std::max(0.0, -eigen.values(0)) * u, u);
+    }
+  }
+
+  const AnisotropicResiduals& residuals() const { return *residuals_; }
+
+  /// W of an edge, less what rounding can have added to T: so what is given up is admissible
+  /// outright. T carries an error of 700 u tr(H) at most (32 u of the residual quaternion, 9 u of a
+  /// rotation's entries, products), and Q's own negative part is of rounding, too.
+  Matrix3 W(std::size_t k) const {
+    Matrix3 W = half_trace_less((*residuals_)()[k].T - Q_[k]);
+    add_to_diagonal(W, -rounding(k));
+    return W;
+  }
+  double rounding(std::size_t k) const {
+    constexpr double relative = 1000.0 * 1.2e-16;
+    return relative * (residuals_->graph().precisions()[k].trace() + Q_[k].trace());
+  }
+
+  /// Q <- the positive semidefinite matrix nearest to Q + dQ.
+  void change(std::size_t k, const Matrix3& dQ) {
+    const SymmetricEigen eigen = symmetric_eigen(Q_[k] + dQ);
+    Q_[k].setZero();
+    for (int c = 0; c < 3; ++c) {
+      const Vector3 u = eigen.vectors.col(c);
+      Q_[k] += outer_product(std::max(0.0, eigen.values(c)) * u, u);
+    }
+  }
+
+ private:
+  /// tr(T) / 2 I - T: its own inverse is tr(A) I - A.
+  static Matrix3 half_trace_less(const Matrix3& T) {
+    Matrix3 A = -T;
+    add_to_diagonal(A, 0.5 * T.trace());
+    return A;
+  }
+  /// Whether A >= 0 for sure.
+  static bool is_positive(const Matrix3& A) {
+    return A(0, 0) > 0.0 && A(0, 0) * A(1, 1) > A(0, 1) * A(0, 1) && determinant(A) > 0.0;
+  }
+
+  const AnisotropicResiduals* residuals_;
+  std::vector<Matrix3> Q_;
+};
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -1,0 +1,4 @@
+// What rotavg::compiled holds (rotavg/compiled.hpp), a third part: full covariances.
+
+#include <rotavg/anisotropic/certify_impl.hpp>
+#include <rotavg/anisotropic/solve_impl.hpp>

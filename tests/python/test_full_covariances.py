@@ -1,0 +1,247 @@
+"""Certified averaging with full covariances: against definitions, restarts, an SDP, Monte Carlo."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import rotavg
+from benchmarks.anisotropic import RATIOS, simulated, theory
+from benchmarks.relaxation import accuracy, matrix_weights, relaxation
+from rotavg.graph.conventions import matrices_from_rotvecs
+
+DATA = Path(os.environ.get("ROTAVG_DATA", Path(__file__).parents[3] / "shared" / "data"))
+
+
+def objective(graph: rotavg.MeasurementGraph, R: NDArray[np.float64]) -> float:
+    """Sum of 2 (tr M - tr(R_i R_ij M R_j^T)), M = tr(H) / 2 I - H."""
+    M, (i, j) = matrix_weights(graph), graph.indices.T
+    fit = np.einsum("kab,kbc,kcd,kad->k", R[i], graph.rotations, M, R[j])
+    return float(np.sum(2 * (np.trace(M, axis1=1, axis2=2) - fit)))
+
+
+def random_graph(seed: int, n: int = 10, noise: float = 0.1) -> rotavg.MeasurementGraph:
+    rng = np.random.default_rng(seed)
+    return simulated(rng, n, 0.5, RATIOS[1 + seed % 3], noise)[0]
+
+
+def test_the_objective_is_as_defined_and_no_restart_is_lower() -> None:
+    for seed in range(6):
+        graph = random_graph(seed)
+        solution = rotavg.solve(graph, anisotropic=True)
+        assert solution.anisotropic == "chordal"
+        assert solution.objective == pytest.approx(objective(graph, solution.rotations), rel=1e-9)
+        assert solution.certificate is not None
+        assert solution.certificate.verdict == "proved"
+        assert "proved globally optimal" in str(solution)
+        for start in range(5):
+            other = rotavg.solve(graph, init="random", seed=start, method="bcd", anisotropic=True)
+            assert other.objective >= solution.objective * (1 - 1e-9)
+            assert other.certificate is not None
+            bound = other.objective - other.certificate.gap
+            assert bound <= solution.objective * (1 + 1e-9)
+
+
+def test_certify_bounds_any_rotations() -> None:
+    graph = random_graph(4, noise=0.3)
+    best = rotavg.solve(graph, anisotropic=True)
+    again = rotavg.certify(graph, best.rotations, anisotropic=True)
+    assert again.verdict == "proved"
+    rng = np.random.default_rng(0)
+    for angle in (1e-6, 1e-2, 1.0):
+        R = matrices_from_rotvecs(angle * rng.normal(size=(graph.num_nodes, 3))) @ best.rotations
+        c = rotavg.certify(graph, R, anisotropic=True)
+        assert objective(graph, R) - c.gap <= best.objective * (1 + 1e-9)
+        # Without the covariances they are other rotations' gaps.
+        assert c.gap != rotavg.certify(graph, R).gap
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_no_bound_lies_above_the_relaxation(part: int) -> None:
+    pytest.importorskip("clarabel", reason="no general solver to compare with: clarabel")
+    proved = 0
+    for seed in range(15 * part, 15 * part + 15):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(3, 13))
+        noise = float(rng.choice([0.05, 0.3, 0.6, 1.0]))
+        graph, _ = simulated(rng, n, 0.5, RATIOS[seed % 4], noise)
+        solution = rotavg.solve(graph, anisotropic=True, num_threads=1)
+        c = solution.certificate
+        assert c is not None
+        optimum = relaxation(graph)
+        # The rotations are feasible: by what lies above them the solver is off.
+        slack = accuracy(graph, solution.objective) + max(0.0, optimum - solution.objective)
+        assert solution.objective - c.gap <= optimum + slack, f"seed {seed}"
+        if c.verdict == "proved":
+            proved += 1
+            assert optimum >= solution.objective - slack, f"seed {seed}"
+    assert proved >= 8
+
+
+def test_logarithms_are_told_apart() -> None:
+    graph = random_graph(1)
+    log = rotavg.solve(graph, anisotropic="log")
+    assert log.certificate is None
+    assert log.anisotropic == "log"
+    assert log.isotropic is not None
+    assert log.isotropic.anisotropic == "chordal"
+    assert "not certified (where it started: proved globally optimal" in str(log)
+    assert "logarithms" in str(log)
+    chordal = rotavg.solve(graph, anisotropic=True)
+    assert "full covariances, chords" in str(chordal)
+    # Nearly the same where residuals are small.
+    assert log.objective == pytest.approx(chordal.objective, rel=0.02)
+    with pytest.raises(rotavg.OptionError, match="anisotropic is 'logs'"):
+        rotavg.solve(graph, anisotropic="logs")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("options", [{"method": "bcd"}, {"method": "sum"}, {"method": "newton"},
+                                     {"method": "sum", "mu": "min_eigenvalue"},
+                                     {"method": "staircase"}, {"method": "bcdsr"}])  # fmt: skip
+def test_all_methods_meet_the_same_optimum(options: Any) -> None:
+    graph = random_graph(2)
+    best = rotavg.solve(graph, anisotropic=True)
+    other = rotavg.solve(graph, anisotropic=True, **options)
+    assert other.objective == pytest.approx(best.objective, rel=1e-9)
+    assert other.certificate is not None
+    assert other.certificate.verdict == "proved"
+
+
+def test_components_and_robust_losses() -> None:
+    one, other = random_graph(1), random_graph(2, n=6)
+    assert one.covariances is not None
+    assert other.covariances is not None
+    both = rotavg.MeasurementGraph(
+        np.concatenate([one.indices, other.indices + 10]),
+        np.concatenate([one.rotations, other.rotations]),
+        covariances=np.concatenate([one.covariances, other.covariances]),
+    )
+    solution = rotavg.solve(both, anisotropic=True)
+    assert solution.certificate is not None
+    assert solution.certificate.verdict == "proved"
+    parts = [rotavg.solve(graph, anisotropic=True) for graph in (one, other)]
+    assert solution.objective == pytest.approx(sum(p.objective for p in parts), rel=1e-9)
+    np.testing.assert_allclose(solution.rotations[10:], parts[1].rotations, atol=1e-7)
+    # An outlier.
+    rotations = one.rotations.copy()
+    rotations[3] = rotations[3] @ matrices_from_rotvecs(np.array([[2.0, 0, 0]]))[0]
+    bad = rotavg.MeasurementGraph(one.edges, rotations, covariances=one.covariances)
+    robust = rotavg.solve(bad, anisotropic=True, loss="cauchy")
+    assert robust.is_outlier[3]
+    assert robust.certificate is not None
+    assert robust.certificate.verdict == "proved"
+    assert "of the least squares on the edges it kept" in str(robust)
+    error = rotavg.compare(robust.rotations, parts[0].rotations).angles
+    plain = rotavg.compare(rotavg.solve(bad).rotations, parts[0].rotations).angles
+    assert error.max() < 0.5 * plain.max()
+    assert np.isfinite(robust.covariances()).all()
+
+
+def test_fixed_and_absolute_priors() -> None:
+    graph = random_graph(3)
+    free = rotavg.solve(graph, anisotropic=True)
+    rng = np.random.default_rng(1)
+    turn, known = matrices_from_rotvecs(rng.normal(size=(2, 3)))
+    w = 30.0
+    priors = rotavg.Priors(fixed={0: turn, 4: turn @ free.rotations[4]}, absolute={2: (known, w)})
+    solution = rotavg.solve(graph, anisotropic=True, priors=priors)
+    np.testing.assert_allclose(solution.rotations[0], turn, atol=1e-15)
+    R = solution.rotations
+    assert solution.certificate is not None
+    gap = solution.certificate.gap
+
+    def f(R: NDArray[np.float64]) -> float:
+        return objective(graph, R) + w / 2 * float(np.sum((known - R[2]) ** 2))
+
+    assert solution.objective == pytest.approx(f(R), rel=1e-9)
+    for _ in range(100):
+        e = matrices_from_rotvecs(10 ** rng.uniform(-4, 0) * rng.normal(size=(10, 3)))
+        e[[0, 4]] = np.eye(3)
+        assert f(e @ R) >= f(R) - gap - 1e-9 * f(R)
+    with pytest.raises(rotavg.SolverError, match="anisotropic noise and priors"):
+        solution.covariances()
+    down = rotavg.Priors(gravity={0: ((0, 0, -1), 1.0)})
+    with pytest.raises(rotavg.OptionError, match="gravity"):
+        rotavg.solve(graph, anisotropic=True, priors=down)
+
+
+def test_the_error_falls_by_the_factor_that_theory_predicts() -> None:
+    runs = 500
+    rng = np.random.default_rng(7)
+    graph, truth = simulated(rng, 10, 0.5, (1, 1, 100), 0.01)
+    assert graph.covariances is not None
+    i, j = graph.indices.T
+    exact = np.swapaxes(truth[i], 1, 2) @ truth[j]
+    root = np.linalg.cholesky(graph.covariances)
+    squares = np.zeros(2)
+    for _ in range(runs):
+        e = np.einsum("kab,kb->ka", root, rng.normal(size=(len(i), 3)))
+        noisy = rotavg.MeasurementGraph(
+            graph.edges, exact @ matrices_from_rotvecs(e), covariances=graph.covariances
+        )
+        for k, anisotropic in enumerate((False, True)):
+            R = rotavg.solve(noisy, anisotropic=anisotropic, certify=False, num_threads=1).rotations
+            E = R @ np.swapaxes(truth, 1, 2) @ truth[0]
+            squares[k] += np.sum((E - np.eye(3)) ** 2)
+    predicted = theory(graph, truth)
+    assert predicted[1] < 0.5 * predicted[0]
+    assert squares[1] / squares[0] == pytest.approx(predicted[1] / predicted[0], rel=0.1)
+
+
+@pytest.mark.parametrize("suffix", [".txt", ".csv", ".npz"])
+def test_files_carry_covariances(tmp_path: Path, suffix: str) -> None:
+    graph = random_graph(5)
+    assert graph.covariances is not None
+    path = tmp_path / f"graph{suffix}"
+    rotavg.write(path, graph)
+    again = rotavg.read(path)
+    assert again.covariances is not None
+    assert np.array_equal(again.covariances, graph.covariances)
+    assert np.array_equal(again.weights, graph.weights)
+    assert rotavg.read(path, unit_weights=True).covariances is None
+    seen = rotavg.read(path, convention="vision")
+    assert seen.covariances is not None
+    R = seen.rotations
+    np.testing.assert_allclose(
+        seen.covariances, np.swapaxes(R, 1, 2) @ graph.covariances @ R, atol=1e-15
+    )
+    command = [sys.executable, "-m", "rotavg", "solve", str(path), "--anisotropic", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["anisotropic"] == "chordal"
+    assert told["certificate"]["verdict"] == "proved"
+
+
+def test_a_bad_covariance_in_a_file_is_named_by_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "graph.csv"
+    header = "i,j,qx,qy,qz,qw,cxx,cxy,cxz,cyy,cyz,czz"
+    path.write_text(f"{header}\n0,1,0,0,0,1,1,0,0,1,0,1\n1,2,0,0,0,1,1,0,0,-1,0,1\n")
+    with pytest.raises(rotavg.FormatError, match=r"graph\.csv:3.*not symmetric and positive"):
+        rotavg.read(path)
+
+
+def test_lu_sphinx_is_proved_and_nearer_the_truth() -> None:
+    path = DATA / "viewgraphs" / "lu_sphinx.npz"
+    if not path.exists():
+        pytest.skip(f"no {path}")
+    d = np.load(path)
+    spread = np.linalg.inv((d["precision"] + np.swapaxes(d["precision"], 1, 2)) / 2)
+    spread = (spread + np.swapaxes(spread, 1, 2)) / 2
+    graph = rotavg.MeasurementGraph(
+        d["edges"], d["rotations"], covariances=spread, nodes=range(len(d["ground_truth"]))
+    )
+    known = d["has_ground_truth"]
+    solution = rotavg.solve(graph, loss="auto", anisotropic=True)
+    angles = rotavg.compare(solution.rotations[known], d["ground_truth"][known]).angles
+    assert np.degrees(angles.mean()) <= 0.28
+    assert solution.certificate is not None
+    assert solution.certificate.verdict == "proved"
