@@ -106,7 +106,8 @@ inline std::vector<double> rejected_and_coherent(const std::vector<double>& x,
 ///    contradicts (Evidence).
 /// 2. The maximum spanning tree by strength (shared_strongest) is polished. If it tells the same
 ///    story, that is it.
-/// 3. While the evidence is not clear: l1 on the strongest edges alone, the trees by what the
+/// 3. While the evidence is not clear, or too much of it speaks against the best answer, to which
+///    no two other starts have led: l1 on the strongest edges alone, the trees by what the
 ///    strongest of the strongest share, by weight, by weight and overlap, and by what the strongest
 ///    edges say that the best answer rejects.
 /// 4. What the rejected edges would say, if many of them agree with one another.
@@ -121,7 +122,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   constexpr double contradicted = 16.0, clear_edges = 0.01, clear_voices = 0.01;
   constexpr double coarse = 0.1;  // noise that may well be that of an answer between two stories
   constexpr double beyond_doubt = 5.0, few_cameras = 0.02;
-  constexpr int most_rounds = 4, depth = 3, wider = 2 * strongest_of_a_camera;
+  constexpr int enough_starts = 2, most_rounds = 4, depth = 3, wider = 2 * strongest_of_a_camera;
   const std::size_t m = graph.edges().size();
   const auto go_on = run.keep_going();
   Portfolio portfolio;
@@ -168,6 +169,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   for (double& ballot : ballots) ballot = 0.5 * ballot + 1e-3;
   const double tolerance = step_tolerance(noise);
   std::size_t best = 0;
+  int agreeing = 0;  // other starts that have led to the best
   const auto differ = [&](const Story& a, const Story& b) {
     const auto group = shared_groups(graph, a.rotations, b.rotations, tolerance);
     return std::count(group.begin(), group.end(), 0) <
@@ -175,7 +177,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   };
   const auto doubtful = [&] {
     if (!go_on() || run.ended() != Status::not_run) return false;
-    if (contradicts(stories[best])) return true;
+    if (agreeing < enough_starts && contradicts(stories[best])) return true;
     for (std::size_t k = 0; k < stories.size(); ++k) {
       if (k == best) continue;
       if (evidence.compare(stories[best].x, stories[k].x).lead() <= beyond_doubt) return true;
@@ -190,6 +192,8 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
       for (Story& other : stories) units_of(other);
     }
     units_of(story);
+    const bool agrees = !differ(story, stories[best]);
+    agreeing += agrees;
     // Against the first it has to be clear; trees are compared among each other on equal terms.
     const bool better = evidence.compare(story.x, stories[0].x).clear() &&
                         (best == 0 || evidence.compare(story.x, stories[best].x).lead() > 0.0);
@@ -197,6 +201,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
     for (const Story& other : stories) same = same || !differ(story, other);
     if (same && !better) return;
     if (better) {
+      if (!agrees) agreeing = 0;
       best = stories.size();
       portfolio.replaced = true;
     }
