@@ -269,3 +269,26 @@ def test_gravity_refined_from_the_neighbours() -> None:
         rotavg.refined_gravity(simulation.graph, {7: [0, 0, 0]})
     with pytest.raises(rotavg.OptionError, match="rounds is 0"):
         rotavg.refined_gravity(simulation.graph, {}, rounds=0)
+
+
+def test_what_outliers_alone_check_is_told() -> None:
+    """Two groups joined by edges, or a chain, that contradict one another: which is wrong?"""
+    n = 6
+    edges = [(i, j) for i in range(n) for j in range(i)]
+    edges += [(n + i, n + j) for i, j in edges]
+    joins = len(edges)
+    for chain, others in (((0, n), 2), ((0, 2 * n, 2 * n + 1, n), 1)):
+        all_edges = [*edges, *zip(chain[:-1], chain[1:])]
+        all_edges += [(k, n + k) for k in range(1, 1 + others)]
+        rotvecs = np.zeros((len(all_edges), 3))
+        rotvecs[-others:] = np.eye(3)[:others]
+        graph = rotavg.MeasurementGraph.from_rotvecs(all_edges, rotvecs)
+        start = np.tile(np.eye(3), (graph.num_nodes, 1, 1))
+        solution = rotavg.solve(graph, loss="geman_mcclure", loss_scale=0.02, init=start)
+        np.testing.assert_array_equal(
+            np.flatnonzero(solution.is_outlier), np.arange(len(all_edges))[-others:]
+        )
+        expected = (np.arange(len(all_edges)) >= joins) & ~solution.is_outlier
+        np.testing.assert_array_equal(solution.is_unchecked, expected)
+        assert "that outliers alone check" in str(solution)
+        assert not rotavg.solve(graph).is_unchecked.any()

@@ -24,6 +24,7 @@ def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:
         "objective": r.objective,
         "outliers": int(solution.is_outlier.sum()),
         "verdicts": dict(Counter(r.edge_verdicts.tolist())),
+        "unchecked": int(solution.is_unchecked.sum()),
         "parts": r.num_parts,
         "weak_parts": r.num_parts - solution.num_components,
         "alternatives": [alternative.summary() for alternative in r.alternatives],

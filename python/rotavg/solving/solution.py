@@ -117,6 +117,23 @@ class Solution(NodeMapping):
         """(m,) whether the edge's verdict is that of an outlier."""
         return read_only(~np.isin(self.edge_verdicts, ("inlier", "bridge", "trusted")))
 
+    @cached_property
+    def is_unchecked(self) -> NDArray[np.bool_]:
+        """(m,) whether outliers alone check the edge: all cycles through it pass through some.
+
+        Of edges in series that contradict the others, the one with the largest residual is named,
+        which need not be the wrong one; the rest of the series is unchecked. So is an edge that
+        alone holds a part after those that contradict it were rejected. Bridges are not, as
+        nothing ever checked them. Priors do not count. Without a robust loss no edge is.
+        """
+        kept = ~self.is_outlier
+        unchecked = np.zeros(self.graph.num_edges, dtype=np.bool_)
+        if kept.any() and not kept.all():
+            believed = self.graph.with_weights(np.where(kept, self.graph.weights, 0.0))
+            unchecked[kept] = bridges(believed)
+            unchecked &= ~bridges(self.graph)
+        return read_only(unchecked)
+
     def covariances(
         self,
         pairs: ArrayLike | None = None,
@@ -223,6 +240,9 @@ class Solution(NodeMapping):
             rows.append(("uncertainty", f"{about} (RMS angle relative to the gauge)"))
         if self.robust is not None:
             rows += self.robust.rows(self.num_parts_given)
+            if (unchecked := int(self.is_unchecked.sum())) > 0:
+                some = "1 edge" if unchecked == 1 else f"{unchecked} edges"
+                rows.append(("unchecked", f"{some} that outliers alone check"))
         # Residuals on the way to the answer say nothing of the measurements.
         elif self.status.converged and (
             advice := contamination_of(self.graph, self.rotations, self.residual_angles)

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/robust/strongest.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -20,8 +21,7 @@ namespace rotavg {
 /// another makes hundreds of them. So their number says little. What says more is that a camera's
 /// nearest neighbours, with whom it shares most, are hardly ever confused: what only looks alike
 /// shares less. Every camera therefore has eight voices, which its eight strongest edges have, and
-/// all voices count the same. Strength is weight times overlap (Neighbourhoods), so that edges that
-/// are wrong at random, whatever their weight, have none.
+/// all voices count the same. (shared_strongest tells how strong edges are.)
 class Evidence {
  public:
   /// What two answers explain that the other one does not.
@@ -54,19 +54,8 @@ class Evidence {
   /// @param strength (m,) of the edges
   Evidence(const MeasurementGraph& graph, const std::vector<double>& strength)
       : graph_(&graph),
-        voices_(strength.size(), 0.0),
-        uneven_(graph.max_weight() > graph.min_weight()) {
-    constexpr std::ptrdiff_t voices_of_a_camera = 8;
-    std::vector<std::pair<double, Index>> strongest;
-    for (Index l = 0; l < graph.num_nodes(); ++l) {
-      strongest.clear();
-      for (const HalfEdge& h : graph.row(l)) strongest.emplace_back(-strength[h.edge()], h.edge());
-      const auto count = std::min<std::ptrdiff_t>(voices_of_a_camera,
-                                                  static_cast<std::ptrdiff_t>(strongest.size()));
-      std::partial_sort(strongest.begin(), strongest.begin() + count, strongest.end());
-      for (std::ptrdiff_t k = 0; k < count; ++k) voices_[strongest[k].second] += 1.0;
-    }
-  }
+        voices_(strongest(graph, strength)),
+        uneven_(graph.max_weight() > graph.min_weight()) {}
 
   /// (m,) how many voices every edge has: 0, 1 or 2.
   const std::vector<double>& voices() const { return voices_; }

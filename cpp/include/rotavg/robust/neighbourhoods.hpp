@@ -27,7 +27,7 @@ class Neighbourhoods {
   explicit Neighbourhoods(
       const MeasurementGraph& graph, std::function<bool()> keep_going = [] { return true; })
       : graph_(&graph), keep_going_(std::move(keep_going)) {
-    constexpr double most_work = 2e8, enough_work = 4e5;
+    constexpr double most_work = 5e7, enough_work = 4e5;  // steps; triangles are kept
     double work = 0.0;
     for (Index k = 0; k < graph.num_nodes(); ++k) {
       for (const HalfEdge& h : graph.row(k)) work += graph.row(h.node).size();
@@ -35,8 +35,11 @@ class Neighbourhoods {
     stride_ = 1 + static_cast<Index>(work / most_work);
     std::vector<double> x;
     visit_triangles(stride_ + static_cast<Index>(work / enough_work),
-                    [&](Index, Index, Index, double x_k) { x.push_back(x_k); });
-    most_ = agreement(std::move(x));
+                    [&](const Triangle&, double x_k) { x.push_back(x_k); });
+    const double most = agreement(std::move(x));
+    visit_triangles(stride_, [&](const Triangle& triangle, double x_k) {
+      if (x_k <= most) agreeing_.push_back(triangle);
+    });
   }
 
   /// How much (m,) the neighbourhoods of an edge's two ends overlap, 0 to 1: the weighted Jaccard
@@ -52,9 +55,7 @@ class Neighbourhoods {
     for (Index k = 0; k < graph.num_nodes(); k += stride_) {
       for (const HalfEdge& h : graph.row(k)) all[h.node] += weights[h.edge()];
     }
-    visit_triangles(stride_, [&](Index edge, Index ik, Index jk, double x) {
-      if (x <= most_) shared[edge] += std::min(weights[ik], weights[jk]);
-    });
+    for (const Triangle& t : agreeing_) shared[t.ij] += std::min(weights[t.ik], weights[t.jk]);
     for (std::size_t k = 0; k < shared.size(); ++k) {
       const Edge& e = graph.edges()[k];
       const double either = all[e.i] + all[e.j] - shared[k];
@@ -65,8 +66,13 @@ class Neighbourhoods {
   }
 
  private:
-  /// Calls visit(ij, ik, jk, x) for all triangles i j k, with x the squared chord by which they
-  /// miss the identity, for every stride-th k. Of edges parallel to ik and jk one is looked at.
+  /// A common neighbour k of i and j, by its edges.
+  struct Triangle {
+    Index ij, ik, jk;
+  };
+
+  /// Calls visit(triangle, x) for all, with x the squared chord by which it misses the identity,
+  /// for every stride-th k. Of edges parallel to ik and jk one is looked at.
   template <typename Visit>
   void visit_triangles(Index stride, Visit&& visit) const {
     constexpr Index nodes_between_questions = 64;
@@ -89,7 +95,7 @@ class Neighbourhoods {
           const Vector4 detour = product(jk.node_from_l, ik.node_from_l.conjugate());
           const double cosine = detour.dot(ij.node_from_l.coeffs());
           const double norm2 = detour.squaredNorm() * ij.node_from_l.squaredNorm();
-          visit(ij.edge(), ik.edge(), jk.edge(),
+          visit(Triangle{ij.edge(), ik.edge(), jk.edge()},
                 4.0 * std::max(0.0, 1.0 - cosine * cosine / norm2));
         }
       }
@@ -116,8 +122,8 @@ class Neighbourhoods {
 
   const MeasurementGraph* graph_;
   std::function<bool()> keep_going_;
-  Index stride_ = 1;   // of the nodes whose triangles are looked at
-  double most_ = 0.0;  // squared chord up to which a triangle agrees
+  Index stride_ = 1;                // of the nodes whose triangles are looked at
+  std::vector<Triangle> agreeing_;  // those that do
 };
 
 }  // namespace rotavg

@@ -16,6 +16,7 @@
 #include <rotavg/robust/part_votes.hpp>
 #include <rotavg/robust/run.hpp>
 #include <rotavg/robust/stories.hpp>
+#include <rotavg/robust/strongest.hpp>
 #include <rotavg/robust/votes.hpp>
 
 #pragma GCC diagnostic push
@@ -103,10 +104,12 @@ inline std::vector<double> rejected_and_coherent(const std::vector<double>& x,
 /// 1. Where hardly any edge contradicts, and the noise is small enough to tell, there is but one
 ///    story, and nothing more is done. Nor is it where hardly any of the strongest edges
 ///    contradicts (Evidence).
-/// 2. The maximum spanning tree by strength, weight times overlap (Neighbourhoods), is polished. If
-///    it tells the same story, that is it.
-/// 3. While the evidence is not clear, trees by weight alone and by both, if the weights differ,
-///    and by overlap alone.
+/// 2. The maximum spanning tree by strength (shared_strongest) is polished. If it tells the same
+///    story, that is it.
+/// 3. While the evidence is not clear, or too much of it speaks against the best answer, to which
+///    no two other starts have led: l1 on the strongest edges alone, the trees by what the
+///    strongest of the strongest share, by weight, by weight and overlap, and by what the strongest
+///    edges say that the best answer rejects.
 /// 4. What the rejected edges would say, if many of them agree with one another.
 /// 5. All are compared at one scale, the noise of the first, or the smallest if that is coarse. One
 ///    takes the place of the first where the voices of the strongest edges clearly prefer it, of
@@ -119,6 +122,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   constexpr double contradicted = 16.0, clear_edges = 0.01, clear_voices = 0.01;
   constexpr double coarse = 0.1;  // noise that may well be that of an answer between two stories
   constexpr double beyond_doubt = 5.0, few_cameras = 0.02;
+  constexpr int enough_starts = 2, most_rounds = 4, depth = 3, wider = 2 * strongest_of_a_camera;
   const std::size_t m = graph.edges().size();
   const auto go_on = run.keep_going();
   Portfolio portfolio;
@@ -146,8 +150,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   const Neighbourhoods neighbourhoods(graph, go_on);
   const std::vector<double>& weights = run.given();
   const std::vector<double> overlap = neighbourhoods.overlap(weights);
-  std::vector<double> strength = weights;
-  for (std::size_t k = 0; k < m; ++k) strength[k] *= overlap[k];
+  const std::vector<double> strength = shared_strongest(graph, neighbourhoods, overlap);
   const Evidence evidence(graph, strength);
   portfolio.evidence = evidence;
   double voices = 0.0;
@@ -166,6 +169,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   for (double& ballot : ballots) ballot = 0.5 * ballot + 1e-3;
   const double tolerance = step_tolerance(noise);
   std::size_t best = 0;
+  int agreeing = 0;  // other starts that have led to the best
   const auto differ = [&](const Story& a, const Story& b) {
     const auto group = shared_groups(graph, a.rotations, b.rotations, tolerance);
     return std::count(group.begin(), group.end(), 0) <
@@ -173,22 +177,23 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   };
   const auto doubtful = [&] {
     if (!go_on() || run.ended() != Status::not_run) return false;
-    if (portfolio.replaced && portfolio.tried < 3 && contradicts(stories[best])) return true;
+    if (agreeing < enough_starts && contradicts(stories[best])) return true;
     for (std::size_t k = 0; k < stories.size(); ++k) {
       if (k == best) continue;
       if (evidence.compare(stories[best].x, stories[k].x).lead() <= beyond_doubt) return true;
     }
     return false;
   };
-  const auto attempt = [&](const char* start, const std::vector<double>& key) {
+  const auto attempt = [&](const char* start, Rotations from) {
     ++portfolio.tried;
-    Story story =
-        detail::polished(run, graph, ballots, loss_noises, start, along_spanning_tree(graph, key));
+    Story story = detail::polished(run, graph, ballots, loss_noises, start, std::move(from));
     if (noise > coarse && story.noise < scale) {
       scale = story.noise;
       for (Story& other : stories) units_of(other);
     }
     units_of(story);
+    const bool agrees = !differ(story, stories[best]);
+    agreeing += agrees;
     // Against the first it has to be clear; trees are compared among each other on equal terms.
     const bool better = evidence.compare(story.x, stories[0].x).clear() &&
                         (best == 0 || evidence.compare(story.x, stories[best].x).lead() > 0.0);
@@ -196,25 +201,45 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
     for (const Story& other : stories) same = same || !differ(story, other);
     if (same && !better) return;
     if (better) {
+      if (!agrees) agreeing = 0;
       best = stories.size();
       portfolio.replaced = true;
     }
     stories.push_back(std::move(story));
   };
-  attempt("the tree by weight and overlap", strength);
-  const bool uneven = graph.max_weight() > graph.min_weight();
-  if (uneven && doubtful()) attempt("the tree by weight", weights);
+  const auto attempt_tree = [&](const char* start, const std::vector<double>& key) {
+    attempt(start, along_spanning_tree(graph, key));
+  };
+  attempt_tree("the tree of the strongest edges", strength);
   if (doubtful()) {
-    const std::vector<double> second = neighbourhoods.overlap(overlap);
-    attempt("the tree by overlap", second);
-    for (std::size_t k = 0; k < m; ++k) strength[k] *= second[k];
-    if (uneven && doubtful()) attempt("the tree by weight and overlap twice", strength);
+    attempt("l1 of the strongest edges", run.agreed_by(skeleton(graph, evidence.voices())));
+  }
+  if (doubtful()) {
+    std::vector<double> deeper = overlap;
+    for (int k = 0; k < depth; ++k) deeper = shared_strongest(graph, neighbourhoods, deeper, wider);
+    attempt_tree("the tree of the strongest of the strongest", deeper);
+  }
+  const bool uneven = graph.max_weight() > graph.min_weight();
+  if (uneven && doubtful()) {
+    std::vector<double> both = weights;
+    for (std::size_t k = 0; k < m; ++k) both[k] *= overlap[k];
+    attempt_tree("the tree by weight and overlap", both);
+  }
+  if (uneven && doubtful()) attempt_tree("the tree by weight", weights);
+  for (int k = 0; k < most_rounds && doubtful() && contradicts(stories[best]); ++k) {
+    const std::size_t last = best;
+    std::vector<double> key = strength;
+    for (std::size_t e = 0; e < m; ++e) {
+      if (stories[best].x[e] > contradicted && evidence.voices()[e] > 0.0) key[e] += 1.0;
+    }
+    attempt_tree("the tree of strong edges that were rejected", key);
+    if (best == last) break;
   }
 
   // 4.
   const std::vector<double> rejected = rejected_and_coherent(stories[best].x, overlap);
   if (!rejected.empty() && go_on() && run.ended() == Status::not_run) {
-    attempt("the tree of the rejected edges", rejected);
+    attempt_tree("the tree of the rejected edges", rejected);
   }
 
   // 5.

@@ -90,10 +90,6 @@ class RobustRun {
   /// Least squares, roughly.
   /// @param shares (m,) of the weights that edges have; empty: all 1
   Rotations least_squares(const std::vector<double>& shares, Initialization& init) {
-    SolveOptions l2 = stage(30);
-    l2.certify = false;
-    l2.iteration.stop = StopRule::gradient;
-    l2.iteration.tolerance = 1e-2;
     const std::vector<double> weights = weights_of(graph_);
     if (!shares.empty()) {
       std::vector<double> less = weights;
@@ -102,11 +98,36 @@ class RobustRun {
       }
       graph_.set_weights(less);
     }
-    Solution solution = solve(graph_, l2);
+    Solution solution = solve(graph_, rough());
     if (!shares.empty()) graph_.set_weights(weights);
     init = solution.init;
     took(solution);
     return std::move(solution.rotations);
+  }
+
+  /// Least squares and l1, roughly, of some of the edges alone (m,): each has one voice.
+  Rotations agreed_by(const std::vector<bool>& chosen) {
+    constexpr double l1_scale = 0.01, gain = 1e-3;
+    constexpr int limit = 20;
+    std::vector<RelativeRotation> measurements;
+    std::vector<double> some_precision;  // precisions: 0 where the loss does not touch an edge
+    for (Index k = 0; k < graph_.num_edges(); ++k) {
+      const bool trusts = !trusting_.empty() && trusting_[k] == 0.0;
+      if (!chosen[k] && !trusts) continue;
+      const Edge& e = graph_.edges()[k];
+      measurements.push_back({graph_.nodes()[e.i], graph_.nodes()[e.j], e.i_from_j, 1.0});
+      some_precision.push_back(trusts ? 0.0 : 1.0);
+    }
+    const MeasurementGraph some(measurements, graph_.nodes());
+    Solution start = solve(some, rough());
+    took(start);
+    IterationOptions iteration = stage(limit).iteration;
+    iteration.stop = StopRule::gradient;
+    IterationResult result =
+        irls(some, start.rotations, {Loss::l1, l1_scale}, some_precision,
+             inner_steps(some, options_.method, num_threads_), gain, iteration);
+    took(result);
+    return std::move(result.rotations);
   }
 
   IterationResult reweighted(const Rotations& R, const RobustLoss& loss, double least_gain,
@@ -126,6 +147,15 @@ class RobustRun {
   }
 
  private:
+  /// Of least squares that are but a start.
+  SolveOptions rough() const {
+    SolveOptions l2 = stage(30);
+    l2.certify = false;
+    l2.iteration.stop = StopRule::gradient;
+    l2.iteration.tolerance = 1e-2;
+    return l2;
+  }
+
   IterationOptions remaining_limits() const {
     IterationResult so_far;
     so_far.iterations = iterations_;
