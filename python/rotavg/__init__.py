@@ -29,8 +29,9 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import nearest_rotation
 from rotavg.graph.translations import RelativeTranslations
 from rotavg.io import read, read_rotations, write, write_covariances, write_edges
-from rotavg.priors.priors import Priors
+from rotavg.priors.priors import Priors, Rigs
 from rotavg.priors.refined_gravity import refined_gravity
+from rotavg.priors.rigs import RigFit
 from rotavg.simulation.simulate import Simulation, simulate
 from rotavg.solving.certificate import Certificate, ComponentCertificate, Shortfall, Verdict
 from rotavg.solving.positions import positions
@@ -59,6 +60,8 @@ __all__ = [
     "Priors",
     "Progress",
     "RelativeTranslations",
+    "RigFit",
+    "Rigs",
     "RobustFit",
     "Shortfall",
     "Simulation",
