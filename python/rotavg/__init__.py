@@ -28,12 +28,21 @@ from rotavg.graph.known_rotations import KnownRotations
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import nearest_rotation
 from rotavg.graph.translations import RelativeTranslations
-from rotavg.io import read, read_rotations, write, write_covariances, write_edges
+from rotavg.io import (
+    read,
+    read_rigs,
+    read_rotations,
+    write,
+    write_covariances,
+    write_diagnostics,
+    write_edges,
+)
 from rotavg.priors.priors import Priors, Rigs
 from rotavg.priors.refined_gravity import refined_gravity
 from rotavg.priors.rigs import RigFit
 from rotavg.simulation.simulate import Simulation, simulate
 from rotavg.solving.certificate import Certificate, ComponentCertificate, Shortfall, Verdict
+from rotavg.solving.diagnosis import Diagnosis, Share, diagnose
 from rotavg.solving.positions import positions
 from rotavg.solving.robust import CycleEvidence, PriorFit, RobustFit, cycle_evidence
 from rotavg.solving.solution import Interrupted, Solution
@@ -45,6 +54,7 @@ __all__ = [
     "Comparison",
     "ComponentCertificate",
     "CycleEvidence",
+    "Diagnosis",
     "Error",
     "FileAccessError",
     "FormatError",
@@ -63,6 +73,7 @@ __all__ = [
     "RigFit",
     "Rigs",
     "RobustFit",
+    "Share",
     "Shortfall",
     "Simulation",
     "Solution",
@@ -76,17 +87,20 @@ __all__ = [
     "certify",
     "compare",
     "cycle_evidence",
+    "diagnose",
     "gradient",
     "hardness",
     "nearest_rotation",
     "objective",
     "positions",
     "read",
+    "read_rigs",
     "read_rotations",
     "refined_gravity",
     "simulate",
     "solve",
     "write",
     "write_covariances",
+    "write_diagnostics",
     "write_edges",
 ]

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-
 from numpy.typing import NDArray
 
 from rotavg import _core
@@ -62,9 +61,7 @@ def run_rotation_averaging(
         images = from_pose_graph(pose_graph, unit_weights=uniform)
     except GraphError:
         return False  # no valid edge
-    frames = frames_of(
-        reconstruction, images.nodes.tolist(), bool(options.refine_sensor_from_rig)
-    )
+    frames = frames_of(reconstruction, images.nodes.tolist(), bool(options.refine_sensor_from_rig))
     graph = _active(pose_graph, frames, images, bool(options.filter_unregistered))
     if graph is None:
         return False
@@ -78,7 +75,9 @@ def run_rotation_averaging(
     _register(pycolmap, reconstruction, found)
     _place(pycolmap, reconstruction, frames, sensors)
     limit = float(options.max_rotation_error_deg)
-    return not limit > 0 or _filter(pose_graph, reconstruction, graph, frames, found, sensors, limit)
+    return not limit > 0 or _filter(
+        pose_graph, reconstruction, graph, frames, found, sensors, limit
+    )
 
 
 def _active(
@@ -135,7 +134,7 @@ def _gravity(
     pycolmap: Any, options: Any, reconstruction: Any, pose_priors: Sequence[Any]
 ) -> dict[int, Matrix]:
     """Down in the rig of every frame that has it from its reference sensor, by frame."""
-    found = {}
+    found: dict[int, Matrix] = {}
     if not options.use_gravity:
         return found
     for prior in pose_priors:
@@ -249,9 +248,7 @@ def _register(pycolmap: Any, reconstruction: Any, found: dict[int, Matrix]) -> N
         reconstruction.register_frame(frame_id)
 
 
-def _place(
-    pycolmap: Any, reconstruction: Any, frames: Frames, sensors: dict[int, Matrix]
-) -> None:
+def _place(pycolmap: Any, reconstruction: Any, frames: Frames, sensors: dict[int, Matrix]) -> None:
     nowhere = np.full(3, np.nan)
     for sensor, R in sensors.items():
         sensor_from_rig = np.ascontiguousarray(convert_family(R, "vision"))
@@ -292,5 +289,3 @@ def _filter(
         if frame_id not in kept:
             reconstruction.deregister_frame(frame_id)
     return True
-
-

@@ -97,19 +97,22 @@ def _place(found: Frames, rig: Any, sensor: int, sensor_id: Any, refine: bool) -
     if rig.is_ref_sensor(sensor_id):
         found.rotation_of[sensor] = np.eye(3)
         return
-    place = rig.sensor_from_rig(sensor_id) if rig.has_sensor_from_rig(sensor_id) else None
-    if place is None:
+    if not rig.has_sensor_from_rig(sensor_id):
         found.without_place.add(sensor)
-    rotation = None if place is None else place.rotation.matrix()
-    good = rotation is not None and bool(np.isfinite(rotation).all())
+        good = whole = False
+    else:
+        place = rig.sensor_from_rig(sensor_id)
+        rotation = np.asarray(place.rotation.matrix())
+        good = bool(np.isfinite(rotation).all())
+        whole = bool(np.isfinite(place.translation).all())
     if not refine and not good:
         raise GraphError(
             f"the place of camera {sensor} in rig {rig.rig_id} is not known, expected a calibrated "
             "rig, or refine_sensor_from_rig",
             edge=0,
         )
-    if good and (not refine or bool(np.isfinite(place.translation).all())):
-        found.rotation_of[sensor] = convert_family(np.asarray(rotation), "vision")
+    if good and (whole or not refine):
+        found.rotation_of[sensor] = convert_family(rotation, "vision")
 
 
 def largest_component(pairs: NDArray[np.int64]) -> set[int]:
@@ -125,8 +128,9 @@ def largest_component(pairs: NDArray[np.int64]) -> set[int]:
             k = parent[k]
         return k
 
-    for i, j in np.unique(ends.reshape(-1, 2), axis=0).tolist():
-        a, b = sorted((root(i), root(j)))
+    first, second = ends.reshape(-1, 2).T
+    for code in np.unique(first * len(nodes) + second).tolist():  # every pair once
+        a, b = sorted((root(code // len(nodes)), root(code % len(nodes))))
         parent[b] = a
     roots = np.array([root(k) for k in range(len(nodes))])
     largest = int(np.argmax(np.bincount(roots)))

@@ -136,8 +136,8 @@ def _cameras(rigs: Rigs) -> dict[Any, tuple[Any, Any]]:
             raise GraphError(f"{found}, expected a pair of frame and sensor")
         if value[1] not in rigs.rotations:
             raise GraphError(
-                f"the rotation of sensor {value[1]!r} is not known, expected rigs whose sensors all "
-                "are (after solve(), solution.rigs.priors holds them)"
+                f"the rotation of sensor {value[1]!r} is not known, expected rigs all of whose "
+                "sensors are (after solve(), solution.rigs.priors holds them)"
             )
     return {node: (frame, rigs.rotations[s]) for node, (frame, s) in rigs.images.items()}
 
@@ -199,14 +199,17 @@ class OfNode:
 
     @property
     def entries(self) -> str:
+        """A name of its entries."""
         return f"the entries of {self.what}"
 
     @property
     def first(self) -> Any:
+        """The first of a pair."""
         return self.value[0]
 
     @property
     def second(self) -> Any:
+        """The second of a pair."""
         return self.value[1]
 
 

@@ -42,6 +42,7 @@ class RigFit:
         total_weight: of the measurements, for what is zero to rounding.
         alone: sensors that are in no frame with another one, and not known: nothing can tell where
             they are in a rig.
+        images: frame and sensor of the nodes.
         priors: all that is known with all sensors held: for `rotavg.certify`.
     """
 
@@ -57,6 +58,7 @@ class RigFit:
     lower_bound: float | None
     total_weight: float
     alone: tuple[Any, ...]
+    images: Mapping[Any, tuple[Any, Any]]
     priors: Priors
 
     @property
@@ -150,6 +152,7 @@ class Sensors:
             lower_bound=core["lower_bound"],
             total_weight=float(self.graph.weights.sum()),
             alone=self._alone(dict(zip(ids, core["origin"]))),
+            images=self.images,
             priors=replace(self.priors, rigs=held),
         )
 

@@ -30,9 +30,9 @@ def upright(gravity: ArrayLike, down: ArrayLike) -> NDArray[np.float64]:
     if cosine < -1 + 1e-12:
         across = np.cross(g, np.eye(3)[int(np.argmin(np.abs(g)))])
         across /= np.linalg.norm(across)
-        return 2 * np.outer(across, across) - np.eye(3)
+        return np.asarray(2 * np.outer(across, across) - np.eye(3))
     K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.eye(3) + K + K @ K / (1 + cosine)
+    return np.asarray(np.eye(3) + K + K @ K / (1 + cosine))
 
 
 def solve_headings(
@@ -46,8 +46,8 @@ def solve_headings(
 
     Of an edge, U_i R_ij U_j^T = M, the part of tr(exp(delta [g]) M) that depends on the headings
     is rho cos(delta - phi): the problem is one of rotations about g alone, with the angles phi and
-    the weights w rho / 2. As its edges are rotations about one axis, so is its solution, and what is
-    proved of it is proved of the headings.
+    the weights w rho / 2. As its edges are rotations about one axis, so is its solution, and what
+    is proved of it is proved of the headings.
 
     Args:
         graph: the measurements between images.

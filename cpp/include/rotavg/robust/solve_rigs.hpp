@@ -44,9 +44,10 @@ struct RigEstimate {
 /// 1. Images of unknown sensors as plain nodes are solved for, with a robust loss if there is one.
 ///    (This is a relaxation, so that its certificate bounds the joint problem from below.)
 /// 2. C_s is the median of what the frames say (sensors_from_images).
-/// 3. With C held, the frames are solved for, which gives robust weights; with the weights held,
-///    frames and sensors descend together (refine_shared). With a robust loss this is repeated
-///    until C rests. C ends at a stationary point, which need not be the global optimum.
+/// 3. From there frames and sensors descend together (refine_shared), again and again with the
+///    robust weights that they make, until C rests. (Where only rigs join parts of the graph, the
+///    frames are solved for with C held first.) C ends at a stationary point, which need not be the
+///    global optimum.
 ///
 /// @param priors what else is known; its rigs do not count
 /// @param options its callback is not called

@@ -10,6 +10,7 @@
 #include <rotavg/init/rig_start.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/reduction/rig_layout.hpp>
+#include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/solve_rigs.hpp>
 #include <rotavg/robust/solve_robust_with_priors_impl.hpp>
 #include <rotavg/so3/lie.hpp>
@@ -48,6 +49,40 @@ inline void take_weights(const RobustSolution& solution, GroundedGraph& problem)
   problem.set_prior_weights(absolute, gravity);
 }
 
+/// The robust weights (m,) of the given measurements at other rotations (n,), in the units and at
+/// the scale that a solution ended with.
+inline std::vector<double> reweighed(const MeasurementGraph& given, const RobustSolution& solution,
+                                     const Rotations& R) {
+  std::vector<double> weights = solution.edge_weights;
+  for (Index k = 0; k < given.num_edges(); ++k) {
+    const EdgeVerdict verdict = solution.verdicts.edges[k];
+    if (verdict == EdgeVerdict::trusted || verdict == EdgeVerdict::excluded ||
+        verdict == EdgeVerdict::cycle_check) {
+      continue;
+    }
+    const Edge& e = given.edges()[k];
+    const double x = 0.5 * residual(e, R).squaredNorm(), scale = solution.edge_scales[k];
+    const double share = weight_share(solution.loss, x, 1.0 / (scale * scale));
+    weights[k] = std::max(min_weight, std::max(least_weight_share, share) * e.weight);
+  }
+  return weights;
+}
+
+/// The rotations of all nodes where the frames are the medians of what their images say.
+inline Rotations frames_from_images(const RigLayout& rigs, const Rotations& C, Rotations R) {
+  std::vector<Rotations> samples(static_cast<std::size_t>(rigs.num_frames()));
+  for (std::size_t i = 0; i < R.size(); ++i) {
+    if (rigs.frame_of()[i] < 0) continue;
+    samples[rigs.frame_of()[i]].push_back(R[i] * C[rigs.sensor_of()[i]].transpose());
+  }
+  Rotations frames;
+  for (const Rotations& of_frame : samples) frames.push_back(median_rotation(of_frame));
+  for (std::size_t i = 0; i < R.size(); ++i) {
+    if (rigs.frame_of()[i] >= 0) R[i] = frames[rigs.frame_of()[i]] * C[rigs.sensor_of()[i]];
+  }
+  return R;
+}
+
 /// What rides in `images`, where images of unknown sensors are variables, on the variables of
 /// `held`, where they ride on their frames with C.
 inline SharedRiding ride_on_shared(const RigLayout& rigs, const GroundedGraph& images,
@@ -79,7 +114,7 @@ ROTAVG_INLINE RigEstimate estimate_rigs(const MeasurementGraph& graph, const Rig
                                         const Priors& priors, const SolveOptions& options,
                                         const std::optional<RobustOptions>& robust,
                                         std::optional<Rotations> start) {
-  constexpr int max_rounds = 6;
+  constexpr int max_rounds = 30;
   constexpr double settled = 1e-6;  // radians
   const Stopwatch watch;
   const RigLayout layout(graph, rigs);
@@ -116,17 +151,23 @@ ROTAVG_INLINE RigEstimate estimate_rigs(const MeasurementGraph& graph, const Rig
   C = sensors_from_images(layout, solution.rotations, solution.components.label);
 
   // 3.
-  start.reset();
+  const std::vector<Index>& label = solution.components.label;
+  if (std::all_of(label.begin(), label.end(), [](Index c) { return c == 0; })) {
+    estimate.rotations = detail::frames_from_images(layout, C, std::move(solution.rotations));
+  } else {  // only the rigs hold the parts together
+    const GroundedGraph held(graph, layout.held(graph, priors, C));
+    solution = detail::solve_either(held, left(), robust);
+    estimate.rotations = std::move(solution.rotations);
+  }
   for (int round = 0; round < max_rounds; ++round) {
     GroundedGraph held(graph, layout.held(graph, priors, C));
-    solution = detail::solve_either(held, left(), robust, std::move(start));
     detail::take_weights(solution, images);
     detail::take_weights(solution, held);
     const SharedRiding shared = detail::ride_on_shared(layout, images, held, C);
     IterationOptions iteration = left().iteration;
     iteration.tolerance = options.iteration.tolerance;
     SharedResult found = refine_shared(images.graph(), shared, held.graph(),
-                                       held.variables_from(solution.rotations), C, iteration);
+                                       held.variables_from(estimate.rotations), C, iteration);
     double change = 0.0;
     for (std::size_t s = 0; s < C.size(); ++s) {
       if (!layout.is_estimated(static_cast<Index>(s))) continue;
@@ -137,10 +178,10 @@ ROTAVG_INLINE RigEstimate estimate_rigs(const MeasurementGraph& graph, const Rig
     estimate.converged = found.converged;
     estimate.iterations += found.iterations;
     estimate.relative_gradient = found.relative_gradient;
-    start = images.nodes_from(shared.nodes_from(found.variables, C));
+    estimate.rotations = images.nodes_from(shared.nodes_from(found.variables, C));
     if (!robust || change <= settled || watch.seconds() >= options.iteration.time_limit) break;
+    solution.edge_weights = detail::reweighed(graph, solution, estimate.rotations);
   }
-  estimate.rotations = *std::move(start);
   estimate.seconds = watch.seconds();
   return estimate;
 }

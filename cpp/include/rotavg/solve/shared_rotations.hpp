@@ -83,6 +83,11 @@ class SharedMetric {
     const auto n = static_cast<Index>(frame.size());
     NodeVectors w(n, 3), h(n, 3), all(V + S, 3);
     for (Index c = 0; c < 3 * S; ++c) {
+      if (degrees_(V + c / 3) == 0.0) {
+        across_[c] = solved_[c] = NodeVectors::Zero(V, 3);
+        schur.col(c).setZero();
+        continue;
+      }
       w.setZero();
       for (Index i = 0; i < n; ++i) {
         if (problem_.shared[i] == c / 3) w.row(i) = frame[i].col(c % 3).transpose();
