@@ -141,12 +141,9 @@ struct Names<rotavg::SensorOrigin> {
 template <>
 struct Names<rotavg::PriorKind> {
   static constexpr std::pair<rotavg::PriorKind, const char*> list[] = {
-      {rotavg::PriorKind::fixed, "fixed"},
-      {rotavg::PriorKind::absolute, "absolute"},
-      {rotavg::PriorKind::gravity, "gravity"},
-      {rotavg::PriorKind::rig, "rig"},
-      {rotavg::PriorKind::sensor, "sensor"},
-      {rotavg::PriorKind::down, "down"}};
+      {rotavg::PriorKind::fixed, "fixed"},     {rotavg::PriorKind::absolute, "absolute"},
+      {rotavg::PriorKind::gravity, "gravity"}, {rotavg::PriorKind::rig, "rig"},
+      {rotavg::PriorKind::sensor, "sensor"},   {rotavg::PriorKind::down, "down"}};
 };
 
 template <>

@@ -160,9 +160,9 @@ void bind_priors(py::module_& m) {
            py::arg("absolute"), py::arg("absolute_rotations"), py::arg("absolute_weights"),
            py::arg("gravity"), py::arg("gravity_downs"), py::arg("gravity_weights"),
            py::arg("rigs"), py::arg("rig_frames"), py::arg("rig_rotations"), py::arg("down"));
-  py::class_<rotavg::Rigs>(m, "Rigs")
-      .def(py::init(&make_rigs), py::kw_only(), py::arg("nodes"), py::arg("frames"),
-           py::arg("sensors"), py::arg("known"), py::arg("known_rotations"));
+  py::class_<rotavg::Rigs>(m, "Rigs").def(py::init(&make_rigs), py::kw_only(), py::arg("nodes"),
+                                          py::arg("frames"), py::arg("sensors"), py::arg("known"),
+                                          py::arg("known_rotations"));
   py::class_<GroundedGraph>(m, "GroundedGraph")
       .def(py::init([](const MeasurementGraph& given, const rotavg::Priors& priors) {
              const py::gil_scoped_release release;

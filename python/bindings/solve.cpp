@@ -277,8 +277,7 @@ void bind_solve(py::module_& m) {
         py::arg("loss"), py::arg("loss_scale"), py::arg("cycle_threshold"), py::arg("min_cycles"),
         py::arg("weight_kind"), py::arg("trusted"), py::arg("excluded"), py::arg("edge_scales"),
         py::arg("initial_weights"), py::arg("robust_priors"), py::arg("priors").none(true),
-        py::arg("start_is_solution"), py::arg("rigs").none(true),
-        py::arg("rig_priors").none(true));
+        py::arg("start_is_solution"), py::arg("rigs").none(true), py::arg("rig_priors").none(true));
   m.def("refine_anisotropic", &refine_anisotropic, py::arg("graph"), py::arg("information"),
         py::arg("rotations"), py::kw_only(), py::arg("tolerance"), py::arg("max_iterations"),
         py::arg("time_limit"), py::arg("num_threads"), py::arg("callback"),

@@ -34,7 +34,8 @@ Matrix3 random_turn(test::Random& random, double angle) {
 
 /// @param joined whether two sensors see each other
 template <typename Joined>
-Scene make_scene(test::Random& random, int num_frames, int num_sensors, double noise, Joined&& joined) {
+Scene make_scene(test::Random& random, int num_frames, int num_sensors, double noise,
+                 Joined&& joined) {
   Scene scene;
   for (int f = 0; f < num_frames; ++f) scene.frames.push_back(random_turn(random, 1.0));
   for (int s = 0; s < num_sensors; ++s) {

@@ -16,9 +16,7 @@ import rotavg
 from rotavg.colmap import run_rotation_averaging
 from rotavg.graph.conventions import matrices_from_rotvecs, quaternions_from_matrices
 
-pycolmap = pytest.importorskip(
-    "pycolmap", reason="pycolmap is not installed"
-)
+pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is not installed")
 pycolmap.logging.minloglevel = 3
 
 

@@ -51,8 +51,8 @@ inline Matrix3 median_rotation(const Rotations& given) {
 
 namespace detail {
 
-/// The rotation X with Q_f X = G R_f for all frames f and some rotation G, the hand-eye problem: the
-/// nearest to the left singular vector of sum R_f^T (x) Q_f^T, as
+/// The rotation X with Q_f X = G R_f for all frames f and some rotation G, the hand-eye problem:
+/// the nearest to the left singular vector of sum R_f^T (x) Q_f^T, as
 ///
 ///     sum_f tr((Q_f X)^T G R_f) = vec(X)^T (sum_f R_f^T (x) Q_f^T) vec(G).
 ///

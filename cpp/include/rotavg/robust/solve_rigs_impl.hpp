@@ -211,8 +211,8 @@ ROTAVG_INLINE RigSolution solve_rigs(const MeasurementGraph& graph, const Rigs& 
     if (relaxed.certificate.verdict != Verdict::not_run) {
       solution.rigs.lower_bound = std::max(0.0, relaxed.objective - relaxed.certificate.gap);
     }
-    solution.timings.certify += relaxed.timings.init + relaxed.timings.solve +
-                                relaxed.timings.certify;
+    solution.timings.certify +=
+        relaxed.timings.init + relaxed.timings.solve + relaxed.timings.certify;
   }
   solution.timings.init += solution.rigs.seconds;
   return solution;

@@ -223,9 +223,8 @@ inline SharedResult refine_shared(const MeasurementGraph& graph, const SharedRid
   const Components components = connected_components(between);
   std::vector<Elimination> eliminations = grounded_eliminations(between, components);
   LaplacianMetric laplacian(between, eliminations);
-  const bool factored =
-      laplacian.flops(max_flops) <= max_flops &&
-      laplacian.factorize(keep_going) == CholeskyOutcome::positive_definite;
+  const bool factored = laplacian.flops(max_flops) <= max_flops &&
+                        laplacian.factorize(keep_going) == CholeskyOutcome::positive_definite;
   detail::SharedMetric metric(graph, problem, factored ? &laplacian : nullptr, degrees);
 
   SharedResult result;
