@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import rotavg
-from rotavg.colmap import run_rotation_averaging
+from rotavg.colmap import run_gravity_refinement, run_rotation_averaging
 from rotavg.graph.conventions import matrices_from_rotvecs, quaternions_from_matrices
 
 pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is not installed")
@@ -242,3 +242,23 @@ def test_databases_bring_their_rigs_along(tmp_path: Path) -> None:
     command.append("--no-rigs")
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert json.loads(done.stdout)["rigs"] is None
+
+
+def test_gravity_is_refined_where_the_neighbours_contradict_it(tmp_path: Path) -> None:
+    scene = Scene(tmp_path, 7, num_rigs=1, num_cameras_per_rig=2, num_frames_per_rig=12)
+    priors = [p for p in scene.gravity if scene.truth.image(p.corr_data_id.id).is_ref_in_frame()]
+    right = [np.array(p.gravity) for p in priors]
+    wrong = [2, 7]
+    for k in wrong:
+        priors[k].gravity = matrices_from_rotvecs([0.5, 0, 0]) @ right[k]
+    options = pycolmap.GravityRefinerOptions()
+    run_gravity_refinement(options, scene.graph(0.002), scene.truth, priors)
+    for k, prior in enumerate(priors):
+        off = np.linalg.norm(prior.gravity - right[k])
+        assert off < np.radians(0.5) if k in wrong else off == 0
+    for k in wrong:
+        priors[k].gravity = matrices_from_rotvecs([0.5, 0, 0]) @ right[k]
+    options.min_num_neighbors = 1000
+    run_gravity_refinement(options, scene.graph(), scene.truth, priors)
+    assert np.linalg.norm(priors[2].gravity - right[2]) > 0.1
+    run_gravity_refinement(options, pycolmap.PoseGraph(), scene.truth, priors)
