@@ -10,6 +10,7 @@
 
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/reduction/priors.hpp>
+#include <rotavg/reduction/rig_layout.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/verdicts.hpp>
 #include <rotavg/solve/solve.hpp>
@@ -130,13 +131,19 @@ struct Names<rotavg::CertificateMethod> {
 };
 
 template <>
+struct Names<rotavg::SensorOrigin> {
+  static constexpr std::pair<rotavg::SensorOrigin, const char*> list[] = {
+      {rotavg::SensorOrigin::known, "known"},
+      {rotavg::SensorOrigin::reference, "reference"},
+      {rotavg::SensorOrigin::estimated, "estimated"}};
+};
+
+template <>
 struct Names<rotavg::PriorKind> {
   static constexpr std::pair<rotavg::PriorKind, const char*> list[] = {
-      {rotavg::PriorKind::fixed, "fixed"},
-      {rotavg::PriorKind::absolute, "absolute"},
-      {rotavg::PriorKind::gravity, "gravity"},
-      {rotavg::PriorKind::rig, "rig"},
-      {rotavg::PriorKind::down, "down"}};
+      {rotavg::PriorKind::fixed, "fixed"},     {rotavg::PriorKind::absolute, "absolute"},
+      {rotavg::PriorKind::gravity, "gravity"}, {rotavg::PriorKind::rig, "rig"},
+      {rotavg::PriorKind::sensor, "sensor"},   {rotavg::PriorKind::down, "down"}};
 };
 
 template <>

@@ -11,6 +11,7 @@
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/reduction/prior_objective.hpp>
 #include <rotavg/reduction/refined_gravity.hpp>
+#include <rotavg/reduction/rig_layout.hpp>
 #include <rotavg/uncertainty/covariance_with_priors.hpp>
 
 #include "bindings.hpp"
@@ -42,13 +43,12 @@ void check_count(const py::array& array, std::size_t count, const char* name) {
 }
 
 /// Nodes are known by their rows. Every argument is an array with one entry for each prior.
-GroundedGraph make_grounded(const MeasurementGraph& given, const IdArray& fixed,
-                            const DoubleArray& fixed_rotations, const IdArray& absolute,
-                            const DoubleArray& absolute_rotations,
-                            const DoubleArray& absolute_weights, const IdArray& gravity,
-                            const DoubleArray& gravity_downs, const DoubleArray& gravity_weights,
-                            const IdArray& rigs, const IdArray& rig_frames,
-                            const DoubleArray& rig_rotations, const DoubleArray& down) {
+rotavg::Priors make_priors(const IdArray& fixed, const DoubleArray& fixed_rotations,
+                           const IdArray& absolute, const DoubleArray& absolute_rotations,
+                           const DoubleArray& absolute_weights, const IdArray& gravity,
+                           const DoubleArray& gravity_downs, const DoubleArray& gravity_weights,
+                           const IdArray& rigs, const IdArray& rig_frames,
+                           const DoubleArray& rig_rotations, const DoubleArray& down) {
   rotavg::Priors priors;
   const auto count = [](const IdArray& nodes) { return static_cast<std::size_t>(nodes.size()); };
   const rotavg::Rotations held = to_rotations(fixed_rotations, "fixed_rotations");
@@ -79,8 +79,23 @@ GroundedGraph make_grounded(const MeasurementGraph& given, const IdArray& fixed,
     priors.rigs.push_back({rigs.data()[k], rig_frames.data()[k], cameras[k]});
   }
   priors.down = rotavg::Vector3(down.data());
-  const py::gil_scoped_release release;
-  return GroundedGraph(given, priors);
+  return priors;
+}
+
+/// The same for the images of rigs.
+rotavg::Rigs make_rigs(const IdArray& nodes, const IdArray& frames, const IdArray& sensors,
+                       const IdArray& known, const DoubleArray& known_rotations) {
+  rotavg::Rigs rigs;
+  const auto count = static_cast<std::size_t>(nodes.size());
+  check_count(frames, count, "frames");
+  check_count(sensors, count, "sensors");
+  for (std::size_t k = 0; k < count; ++k) {
+    rigs.images.push_back({nodes.data()[k], frames.data()[k], sensors.data()[k]});
+  }
+  const rotavg::Rotations C = to_rotations(known_rotations, "known_rotations");
+  check_count(known, C.size(), "known");
+  for (std::size_t k = 0; k < C.size(); ++k) rigs.known.push_back({known.data()[k], C[k]});
+  return rigs;
 }
 
 rotavg::Rotations node_rotations(const GroundedGraph& problem, const DoubleArray& array) {
@@ -140,12 +155,20 @@ py::tuple invalid_prior_arguments(const rotavg::InvalidPrior& error) {
 void bind_priors(py::module_& m) {
   m.def("refined_gravity", &refined_gravity, py::arg("graph"), py::arg("down"), py::arg("rounds"));
   register_error<rotavg::InvalidPrior, invalid_prior_arguments>(m, "InvalidPrior");
+  py::class_<rotavg::Priors>(m, "Priors")
+      .def(py::init(&make_priors), py::kw_only(), py::arg("fixed"), py::arg("fixed_rotations"),
+           py::arg("absolute"), py::arg("absolute_rotations"), py::arg("absolute_weights"),
+           py::arg("gravity"), py::arg("gravity_downs"), py::arg("gravity_weights"),
+           py::arg("rigs"), py::arg("rig_frames"), py::arg("rig_rotations"), py::arg("down"));
+  py::class_<rotavg::Rigs>(m, "Rigs").def(py::init(&make_rigs), py::kw_only(), py::arg("nodes"),
+                                          py::arg("frames"), py::arg("sensors"), py::arg("known"),
+                                          py::arg("known_rotations"));
   py::class_<GroundedGraph>(m, "GroundedGraph")
-      .def(py::init(&make_grounded), py::keep_alive<1, 2>(), py::arg("given"), py::kw_only(),
-           py::arg("fixed"), py::arg("fixed_rotations"), py::arg("absolute"),
-           py::arg("absolute_rotations"), py::arg("absolute_weights"), py::arg("gravity"),
-           py::arg("gravity_downs"), py::arg("gravity_weights"), py::arg("rigs"),
-           py::arg("rig_frames"), py::arg("rig_rotations"), py::arg("down"))
+      .def(py::init([](const MeasurementGraph& given, const rotavg::Priors& priors) {
+             const py::gil_scoped_release release;
+             return GroundedGraph(given, priors);
+           }),
+           py::keep_alive<1, 2>(), py::arg("given"), py::arg("priors"))
       .def(
           "with_weights",
           [](const GroundedGraph& problem, const DoubleArray& weights) {

@@ -6,6 +6,7 @@
 
 #include <rotavg/linalg/memory.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
+#include <rotavg/robust/solve_rigs.hpp>
 #include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/robust/solve_robust_with_priors.hpp>
 #include <rotavg/solve/anisotropic.hpp>
@@ -66,6 +67,18 @@ py::dict robust_dict(const rotavg::RobustSolution& s) {
   return result;
 }
 
+py::dict rigs_dict(const rotavg::RigEstimate& rigs) {
+  py::list origin, determined;
+  for (const rotavg::SensorOrigin o : rigs.origin) origin.append(name_of(o));
+  for (const bool d : rigs.determined) determined.append(d);
+  return py::dict(py::arg("sensors") = rigs.sensors,
+                  py::arg("rotations") = from_rotations(rigs.frame_from_sensor),
+                  py::arg("origin") = origin, py::arg("determined") = determined,
+                  py::arg("converged") = rigs.converged, py::arg("iterations") = rigs.iterations,
+                  py::arg("relative_gradient") = rigs.relative_gradient,
+                  py::arg("lower_bound") = rigs.lower_bound);
+}
+
 std::vector<bool> to_mask(const std::optional<py::array_t<bool>>& mask) {
   if (!mask) return {};
   return std::vector<bool>(mask->data(), mask->data() + mask->size());
@@ -88,7 +101,8 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
                const std::optional<py::array_t<bool>>& excluded,
                const std::optional<DoubleArray>& edge_scales,
                const std::optional<DoubleArray>& initial_weights, bool robust_priors,
-               const rotavg::GroundedGraph* priors, bool start_is_solution) {
+               const rotavg::GroundedGraph* priors, bool start_is_solution,
+               const rotavg::Rigs* rigs, const rotavg::Priors* rig_priors) {
   SignalCheck signals;
   rotavg::SolveOptions options;
   options.method = value_of<rotavg::Method>(method);
@@ -120,18 +134,22 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
       {to_mask(trusted), to_mask(excluded), to_doubles(edge_scales), to_doubles(initial_weights)},
       robust_priors};
   const bool plain = robust.loss == rotavg::Loss::l2 && cycle_threshold == 0.0 && !excluded;
-  rotavg::RobustSolution solution;
+  rotavg::RigSolution solution;
   {
     const py::gil_scoped_release release;
+    rotavg::RobustSolution& reweighted = solution;
     rotavg::Solution& least_squares = solution;
-    if (plain && !priors) {
+    if (rigs) {
+      const auto loss_if_any = plain ? std::nullopt : std::optional(robust);
+      solution = rotavg::solve_rigs(graph, *rigs, *rig_priors, options, loss_if_any, std::move(R));
+    } else if (plain && !priors) {
       least_squares = rotavg::solve(graph, options, std::move(R));
     } else if (plain) {
       least_squares = rotavg::solve(*priors, options, std::move(R), start_is_solution);
     } else if (!priors) {
-      solution = rotavg::solve_robust(graph, options, robust, std::move(R));
+      reweighted = rotavg::solve_robust(graph, options, robust, std::move(R));
     } else {
-      solution = rotavg::solve_robust(*priors, options, robust, std::move(R));
+      reweighted = rotavg::solve_robust(*priors, options, robust, std::move(R));
     }
   }
   // What has converged is not lost because its certificate was interrupted.
@@ -140,6 +158,7 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
   py::dict result = solution_dict(solution);
   result["interrupted"] = interrupted;
   if (!plain) result["robust"] = robust_dict(solution);
+  if (rigs) result["rigs"] = rigs_dict(solution.rigs);
   return result;
 }
 
@@ -215,7 +234,7 @@ void bind_solve(py::module_& m) {
         py::arg("loss"), py::arg("loss_scale"), py::arg("cycle_threshold"), py::arg("min_cycles"),
         py::arg("weight_kind"), py::arg("trusted"), py::arg("excluded"), py::arg("edge_scales"),
         py::arg("initial_weights"), py::arg("robust_priors"), py::arg("priors").none(true),
-        py::arg("start_is_solution"));
+        py::arg("start_is_solution"), py::arg("rigs").none(true), py::arg("rig_priors").none(true));
   m.def("refine_anisotropic", &refine_anisotropic, py::arg("graph"), py::arg("information"),
         py::arg("rotations"), py::kw_only(), py::arg("tolerance"), py::arg("max_iterations"),
         py::arg("time_limit"), py::arg("num_threads"), py::arg("callback"),

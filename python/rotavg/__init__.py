@@ -29,8 +29,10 @@ from rotavg.graph.known_rotations import KnownRotations
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import nearest_rotation
 from rotavg.graph.translations import RelativeTranslations
-from rotavg.priors.priors import Priors
+from rotavg.priors.priors import Priors, Rigs
+from rotavg.priors.rigs import RigFit
 from rotavg.solving.certificate import Certificate, ComponentCertificate, Shortfall, Verdict
+from rotavg.solving.diagnosis import Diagnosis, Share, diagnose
 from rotavg.solving.robust import CycleEvidence, PriorFit, RobustFit, cycle_evidence
 from rotavg.solving.solution import Interrupted, Solution
 from rotavg.solving.solve import certify, gradient, objective, solve
@@ -39,7 +41,15 @@ from rotavg.solving.status import Status, Timings, Trace
 if TYPE_CHECKING:
     from rotavg.evaluation.compare import Comparison, compare
     from rotavg.evaluation.hardness import Hardness, hardness
-    from rotavg.io import read, read_rotations, write, write_covariances, write_edges
+    from rotavg.io import (
+        read,
+        read_rigs,
+        read_rotations,
+        write,
+        write_covariances,
+        write_diagnostics,
+        write_edges,
+    )
     from rotavg.priors.refined_gravity import refined_gravity
     from rotavg.simulation.simulate import Simulation, simulate
     from rotavg.solving.positions import positions
@@ -51,9 +61,11 @@ _AT_FIRST_USE = {
     "Hardness": "rotavg.evaluation.hardness",
     "hardness": "rotavg.evaluation.hardness",
     "read": "rotavg.io",
+    "read_rigs": "rotavg.io",
     "read_rotations": "rotavg.io",
     "write": "rotavg.io",
     "write_covariances": "rotavg.io",
+    "write_diagnostics": "rotavg.io",
     "write_edges": "rotavg.io",
     "refined_gravity": "rotavg.priors.refined_gravity",
     "Simulation": "rotavg.simulation.simulate",
@@ -79,6 +91,7 @@ __all__ = [
     "Comparison",
     "ComponentCertificate",
     "CycleEvidence",
+    "Diagnosis",
     "Error",
     "FileAccessError",
     "FormatError",
@@ -94,7 +107,10 @@ __all__ = [
     "Priors",
     "Progress",
     "RelativeTranslations",
+    "RigFit",
+    "Rigs",
     "RobustFit",
+    "Share",
     "Shortfall",
     "Simulation",
     "Solution",
@@ -108,17 +124,20 @@ __all__ = [
     "certify",
     "compare",
     "cycle_evidence",
+    "diagnose",
     "gradient",
     "hardness",
     "nearest_rotation",
     "objective",
     "positions",
     "read",
+    "read_rigs",
     "read_rotations",
     "refined_gravity",
     "simulate",
     "solve",
     "write",
     "write_covariances",
+    "write_diagnostics",
     "write_edges",
 ]

@@ -38,10 +38,9 @@ class MeasurementGraph:
     @property
     def weights(self) -> NDArray[np.float64]: ...
 
-class GroundedGraph:
+class Priors:
     def __init__(
         self,
-        given: MeasurementGraph,
         *,
         fixed: NDArray[np.int64],
         fixed_rotations: NDArray[np.float64],
@@ -56,6 +55,20 @@ class GroundedGraph:
         rig_rotations: NDArray[np.float64],
         down: NDArray[np.float64],
     ) -> None: ...
+
+class Rigs:
+    def __init__(
+        self,
+        *,
+        nodes: NDArray[np.int64],
+        frames: NDArray[np.int64],
+        sensors: NDArray[np.int64],
+        known: NDArray[np.int64],
+        known_rotations: NDArray[np.float64],
+    ) -> None: ...
+
+class GroundedGraph:
+    def __init__(self, given: MeasurementGraph, priors: Priors) -> None: ...
     def with_prior_weights(
         self, absolute: NDArray[np.float64], gravity: NDArray[np.float64]
     ) -> GroundedGraph: ...
@@ -138,6 +151,8 @@ def solve(
     robust_priors: bool,
     priors: GroundedGraph | None,
     start_is_solution: bool,
+    rigs: Rigs | None,
+    rig_priors: Priors | None,
 ) -> dict[str, Any]: ...
 def refine_anisotropic(
     graph: MeasurementGraph,

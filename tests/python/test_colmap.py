@@ -17,7 +17,6 @@ from rotavg.base.errors import (
     FormatError,
     GraphError,
     MissingExtraError,
-    OptionError,
 )
 from rotavg.colmap import from_pose_graph, run_rotation_averaging, to_pose_graph
 from rotavg.graph.conventions import matrices_from_quaternions, quaternions_from_matrices
@@ -287,10 +286,6 @@ def test_drop_in_starts_from_what_is_there_and_refuses_what_it_cannot(
     graph, target = pose_graph_of(pycolmap, path), pycolmap.Reconstruction(reconstruction)
     assert run_rotation_averaging(options, graph, target, method="bcd", max_iterations=1)
     assert target.num_reg_frames() == 6
-    options.use_gravity = True
-    with pytest.raises(OptionError, match="use_gravity is set"):
-        run_rotation_averaging(options, graph, target)
-    options.use_gravity = False
     assert not run_rotation_averaging(options, pycolmap.PoseGraph(), target)
     with pytest.raises(GraphError, match="image 1 is not in the reconstruction"):
         run_rotation_averaging(options, graph, pycolmap.Reconstruction())

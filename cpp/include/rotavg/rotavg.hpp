@@ -18,6 +18,8 @@
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/reduction/priors.hpp>
+#include <rotavg/reduction/rig_layout.hpp>
+#include <rotavg/robust/solve_rigs.hpp>
 #include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/robust/solve_robust_with_priors.hpp>
 #include <rotavg/so3/lie.hpp>
@@ -53,6 +55,7 @@
 #include <rotavg/init/maximum_spanning_tree.hpp>
 #include <rotavg/init/quaternion.hpp>
 #include <rotavg/init/random.hpp>
+#include <rotavg/init/rig_start.hpp>
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/init/spanning_tree.hpp>
 #include <rotavg/init/warm_start.hpp>
@@ -100,6 +103,7 @@
 #include <rotavg/solve/lifted_newton.hpp>
 #include <rotavg/solve/newton.hpp>
 #include <rotavg/solve/run.hpp>
+#include <rotavg/solve/shared_rotations.hpp>
 #include <rotavg/solve/staircase.hpp>
 #include <rotavg/solve/sum.hpp>
 #endif

@@ -11,8 +11,9 @@ import numpy as np
 import rotavg
 from rotavg.cli import options
 from rotavg.graph.ids import IdArray, rows_of
-from rotavg.io import read_gravity, read_rotations
+from rotavg.io import read_gravity, read_rigs, read_rotations
 from rotavg.io.irotavg import FixedRotations
+from rotavg.io.rigs import rigs_of
 
 _OPTIONS = (
     click.option(
@@ -33,32 +34,50 @@ _OPTIONS = (
         metavar="X",
         help="What a tilt counts, as the weight of an edge.  [default: the edges' median]",
     ),
+    click.option(
+        "--rigs",
+        "rigs_path",
+        type=options.PATH,
+        help="Rigs: COLMAP's rig_config.json or database, or CSV of node,frame,sensor[,qw,qx,qy,qz]"
+        " (rig_from_sensor); sensors without a rotation are estimated.  [default: the database's]",
+    ),
+    click.option("--no-rigs", is_flag=True, help="Leave the rigs of a COLMAP database aside."),
 )
 
 
 def prior_options(command: Any) -> Any:
-    """The options --fixed, --gravity and --gravity-weight."""
+    """The options --fixed, --gravity, --gravity-weight, --rigs and --no-rigs."""
     for option in reversed(_OPTIONS):
         command = option(command)
     return command
 
 
-def check_prior_options(gravity: Path | None, weight: float | None) -> None:
-    """UsageError for a weight of no gravity."""
+def check_prior_options(
+    gravity: Path | None, weight: float | None, rigs: Path | None, no_rigs: bool
+) -> None:
+    """UsageError for a weight of no gravity, or rigs that are wanted and not wanted."""
+    if rigs is not None and no_rigs:
+        raise click.UsageError("--rigs and --no-rigs exclude each other")
     if weight is not None and gravity is None:
         raise click.UsageError("--gravity-weight is for --gravity, which is not given")
 
 
 def read_priors(
-    graph: rotavg.MeasurementGraph, fixed: Path | None, gravity: Path | None, weight: float | None
+    graph: rotavg.MeasurementGraph,
+    fixed: Path | None,
+    gravity: Path | None,
+    weight: float | None,
+    rigs_path: Path | None,
+    no_rigs: bool,
 ) -> rotavg.Priors | None:
     """The priors in these files, of the nodes that the graph has; None where nothing is known.
 
-    Also those rotations that the graph's own file holds fixed. What the files say of other nodes
-    is skipped, counted and told on stderr.
+    Also those rotations that the graph's own file holds fixed, and its rigs. What the files say of
+    other nodes is skipped, counted and told on stderr.
     """
     own = graph.source if isinstance(graph.source, FixedRotations) else None
-    if fixed is None and gravity is None and own is None:
+    rigs = None if no_rigs else _rigs(graph, rigs_path)
+    if fixed is None and gravity is None and own is None and rigs is None:
         return None
     if weight is None:
         weight = float(np.median(graph.weights))
@@ -79,8 +98,20 @@ def read_priors(
             if not np.any(down):
                 raise rotavg.FormatError(f"gravity of {node!r} is zero", path=gravity)
     return rotavg.Priors(
-        fixed=rotations, gravity={node: (down, weight) for node, down in downs.items()}
+        fixed=rotations,
+        gravity={node: (down, weight) for node, down in downs.items()},
+        rigs={} if rigs is None else rigs,
     )
+
+
+def _rigs(graph: rotavg.MeasurementGraph, path: Path | None) -> rotavg.Rigs | None:
+    if path is not None:
+        return read_rigs(path, graph)
+    found = rigs_of(graph)
+    if found is not None:
+        frames = len({frame for frame, _ in found.images.values()})
+        click.echo(f"note: rigs of {frames} frames, as the database says (--no-rigs)", err=True)
+    return found
 
 
 def _ids(graph: rotavg.MeasurementGraph, names: list[str]) -> IdArray:

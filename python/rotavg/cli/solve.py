@@ -42,12 +42,20 @@ from rotavg.report import Run, check_report, write_report
     short_help="Find the rotations that fit best, and certify them.",
     groups={
         "Input and output": (
-            *("output", "report", "edges_path", "format", "output_format", "columns"),
+            *(
+                "output",
+                "report",
+                "edges_path",
+                "diagnostics_path",
+                "format",
+                "output_format",
+                "columns",
+            ),
             *("convention", "unit_weights", "skip_self_edges", "as_json"),
         ),
         "Which part": ("nodes_path", "largest_component", "min_nodes"),
         "Method": ("method", "init", "seed", "mu", "accelerate", "max_rank"),
-        "Prior knowledge": ("fixed_path", "gravity_path", "gravity_weight"),
+        "Prior knowledge": ("fixed_path", "gravity_path", "gravity_weight", "rigs_path", "no_rigs"),
         "Uncertainty": ("covariances_path", "noise_variance"),
         "Anisotropic noise": ("anisotropic", "anisotropic_log"),
         "Outliers": (
@@ -125,6 +133,12 @@ from rotavg.report import Run, check_report, write_report
     type=options.PATH,
     help="Write a CSV file: residual, weights and verdict of every edge.",
 )
+@click.option(
+    "--diagnostics",
+    "diagnostics_path",
+    type=options.PATH,
+    help="Write a CSV file: what every node, frame and sensor adds to the objective.",
+)
 @prior_options
 @click.option(
     "--covariances",
@@ -187,11 +201,14 @@ def solve(
     trust_odometry: bool,
     excluded_path: Path | None,
     edges_path: Path | None,
+    diagnostics_path: Path | None,
     covariances_path: Path | None,
     noise_variance: float | None,
     fixed_path: Path | None,
     gravity_path: Path | None,
     gravity_weight: float | None,
+    rigs_path: Path | None,
+    no_rigs: bool,
     distributed: bool,
     scheduler: str | None,
     parts: int | None,
@@ -223,21 +240,24 @@ def solve(
     check_known_edges(settings["loss"], trusted_path, trust_odometry, settings["weight_kind"])
     if output_format is not None and output is None:
         raise click.UsageError("--output-format is for --output, which is not given")
-    check_prior_options(gravity_path, gravity_weight)
+    check_prior_options(gravity_path, gravity_weight, rigs_path, no_rigs)
     if report is not None:
         check_report(report)
     init = settings["init"]
     known = [
         fixed_path,
         gravity_path,
+        rigs_path,
         trusted_path,
         excluded_path,
         settings["nodes_path"],
         init if isinstance(init, Path) else None,
     ]
     atomic.check_distinct([output], known)
-    atomic.check_distinct([edges_path, covariances_path, report], [input_path, output, *known])
-    for path in (edges_path, covariances_path):
+    atomic.check_distinct(
+        [edges_path, diagnostics_path, covariances_path, report], [input_path, output, *known]
+    )
+    for path in (edges_path, diagnostics_path, covariances_path):
         if path is not None:
             atomic.check_writable(path)
     start = time.perf_counter()
@@ -247,7 +267,9 @@ def solve(
     if not as_json:
         print_notes(graph)
     settings.update(read_known_edges(graph, trusted_path, trust_odometry, excluded_path))
-    settings["priors"] = read_priors(graph, fixed_path, gravity_path, gravity_weight)
+    settings["priors"] = read_priors(
+        graph, fixed_path, gravity_path, gravity_weight, rigs_path, no_rigs
+    )
     if isinstance(settings["init"], Path):
         settings["init"] = read_start(graph, settings["init"])
     interrupted = False
@@ -267,6 +289,8 @@ def solve(
             rotavg.write(output, solution, format=output_format)
         if edges_path is not None:
             rotavg.write_edges(edges_path, solution)
+        if diagnostics_path is not None:
+            rotavg.write_diagnostics(diagnostics_path, solution)
         if report is not None:
             with working(f"writing {report}"):
                 write_report(report, solution, _run(input_path, read_seconds))
@@ -274,7 +298,7 @@ def solve(
         print_json(summary(solution, read_seconds, time.perf_counter() - start))
     else:
         print_solution(solution)
-        for path in (output, edges_path, covariances_path, report):
+        for path in (output, edges_path, diagnostics_path, covariances_path, report):
             if path is not None:
                 click.echo(f"wrote {path}", err=True)
         if output is not None:
@@ -290,7 +314,10 @@ def _run(input_path: Path, read_seconds: float) -> Run:
         name: value
         for name, value in click.get_current_context().params.items()
         if name
-        not in ("input_path", "output", "report", "edges_path", "covariances_path", "as_json")
+        not in (
+            *("input_path", "output", "report", "edges_path", "diagnostics_path"),
+            *("covariances_path", "as_json"),
+        )
     }
     command = shlex.join(["rotavg", *sys.argv[1:]])
     return Run(command, input_path, settings, {"read": read_seconds})

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 import rotavg
+from rotavg.graph.conventions import quaternions_from_matrices
 from rotavg.solving.uncertainty import rms_degrees
+
+_MOST = 5  # of a kind in the diagnosis
 
 
 def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:
@@ -58,7 +62,51 @@ def _priors(solution: rotavg.Solution) -> dict[str, int] | None:
         "fixed": len(priors.fixed),
         "absolute": len(priors.absolute),
         "gravity": len(priors.gravity),
-        "rigs": len(priors.rigs),
+        "rigs": len(priors.rigs) if isinstance(priors.rigs, Mapping) else 0,
+    }
+
+
+def _rigs(solution: rotavg.Solution) -> dict[str, Any] | None:
+    fit = solution.rigs
+    if fit is None:
+        return None
+    quaternions = quaternions_from_matrices(fit.rotations)
+    return {
+        "frames": len(fit.frames),
+        "sensors": [
+            {
+                "sensor": sensor,
+                "origin": origin,
+                "determined": bool(determined),
+                "rig_from_sensor_xyzw": quaternion.tolist(),
+            }
+            for sensor, origin, determined, quaternion in zip(
+                fit.sensors, fit.origin, fit.determined, quaternions
+            )
+        ],
+        "alone": list(fit.alone),
+        "lower_bound": fit.lower_bound,
+        "joint_gap": fit.joint_gap,
+        "relative_gradient": fit.relative_gradient,
+        "sentence": fit.sentence,
+    }
+
+
+def _diagnosis(solution: rotavg.Solution) -> dict[str, Any]:
+    """The nodes that cost most, and the edges that contradict most; five each."""
+    diagnosis = rotavg.diagnose(solution)
+    costly = sorted(diagnosis.nodes.items(), key=lambda item: -item[1].cost)[:_MOST]
+    angles, edges = solution.residual_angles, solution.graph.edges
+    return {
+        "nodes": [
+            {"node": node, "share": s.share, "edges": s.edges, "outliers": s.outliers}
+            for node, s in costly
+        ],
+        "contradictions": len(diagnosis.contradictions()),
+        "edges": [
+            {"edge": edges[k].tolist(), "residual_deg": math.degrees(angles[k])}
+            for k in diagnosis.contradictions(_MOST)
+        ],
     }
 
 
@@ -102,6 +150,8 @@ def summary(solution: rotavg.Solution, read: float, total: float) -> dict[str, A
         "residuals": _residuals(solution),
         "robust": _robust(solution),
         "priors": _priors(solution),
+        "rigs": _rigs(solution),
+        "diagnosis": _diagnosis(solution),
         "uncertainty": _uncertainty(solution),
         "notes": list(solution.graph.notes),
         "seconds": {

@@ -6,6 +6,7 @@ solutions here are in the pose family, as everywhere. What needs pycolmap (extra
 
 from rotavg.colmap.averaging import run_rotation_averaging
 from rotavg.colmap.create import create_database
+from rotavg.colmap.gravity import run_gravity_refinement
 from rotavg.colmap.mapper import Model, Reconstruction, reconstruct
 from rotavg.colmap.pose_graph import from_pose_graph, to_pose_graph
 from rotavg.colmap.two_views import write_rotations
@@ -16,6 +17,7 @@ __all__ = [
     "create_database",
     "from_pose_graph",
     "reconstruct",
+    "run_gravity_refinement",
     "run_rotation_averaging",
     "to_pose_graph",
     "write_rotations",

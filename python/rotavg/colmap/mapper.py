@@ -24,6 +24,7 @@ from rotavg.colmap.two_views import (
     copy_database,
     write_rotations,
 )
+from rotavg.io.rigs import rigs_of
 from rotavg.solving.robust import Loss
 
 
@@ -72,9 +73,9 @@ def reconstruct(
 ) -> Reconstruction:
     """Reconstruct the scene: rotations by rotavg, the rest by COLMAP's global mapper.
 
-    The rotations are solved for and written into a copy
-    of the database, all relative rotations consistent; the mapper is told to take those as they
-    are. The database itself is only read.
+    The rotations are solved for, with the rigs that the database has, and written into a copy of
+    it, all relative rotations consistent; the mapper is told to take those as they are. The
+    database itself is only read.
 
     Args:
         database: COLMAP's, with features, matches and two-view geometries.
@@ -110,6 +111,9 @@ def reconstruct(
         except FormatError as error:  # of the copy, which is soon gone
             reason = str(error).removeprefix(f"{measured}: ")
             raise FormatError(reason, path=database) from error
+        rigs = rigs_of(graph)
+        if rigs is not None:
+            solve_options.setdefault("priors", rotavg.Priors(rigs=rigs))
         solution = rotavg.solve(graph, loss=loss, num_threads=num_threads, **solve_options)
         result = folder / "result"
         result.mkdir()

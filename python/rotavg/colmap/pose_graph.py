@@ -10,7 +10,7 @@ from rotavg.base.errors import GraphError, require
 from rotavg.graph.conventions import convert_family
 from rotavg.graph.ids import IdArray
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.io.colmap_database import ColmapImages, pair_of
+from rotavg.io.colmap_database import MAX_IMAGES, ColmapImages
 
 
 def from_pose_graph(pose_graph: Any, *, unit_weights: bool = False) -> MeasurementGraph:
@@ -26,12 +26,13 @@ def from_pose_graph(pose_graph: Any, *, unit_weights: bool = False) -> Measureme
     for pair_id, edge in sorted(pose_graph.edges.items()):
         if not edge.valid:
             continue
-        edges.append(pair_of(int(pair_id)))
+        edges.append(pair_id)
         quaternions.append(edge.cam2_from_cam1.rotation.quat)
         weights.append(1.0 if unit_weights else float(edge.num_matches or 1))
     if not edges:
         raise GraphError("the pose graph has no valid edge")
-    return MeasurementGraph.from_quaternions(edges, quaternions, weights, convention="vision")
+    pairs = np.stack(np.divmod(np.array(edges, dtype=np.int64), MAX_IMAGES), axis=1)
+    return MeasurementGraph.from_quaternions(pairs, quaternions, weights, convention="vision")
 
 
 def to_pose_graph(graph: MeasurementGraph) -> Any:

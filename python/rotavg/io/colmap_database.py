@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
@@ -21,10 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.base.errors import FileAccessError, FormatError
+from rotavg.graph.conventions import convert_family, matrices_from_quaternions, xyzw_from_wxyz
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.colmap_poses import quaternions_of_pairs
 from rotavg.io.registry import Format, ReadOptions, blame_line
 from rotavg.io.rounding import is_unit
+from rotavg.priors.priors import Rigs
 
 if TYPE_CHECKING:
     import sqlite3
@@ -45,16 +47,18 @@ _MAGIC = b"SQLite format 3\0"
 class ColmapImages:
     """Ids (n,) of the images and of their cameras in the database, by name.
 
-    Also of each edge (m,) the configuration, by its number in `CONFIGURATIONS`.
+    Also of each edge (m,) the configuration, by its number in `CONFIGURATIONS`, and the rigs of
+    several cameras, where there are any: frames by their ids, sensors by those of their cameras.
     """
 
     image_ids: dict[str, int]
     camera_ids: dict[str, int]
     configurations: NDArray[np.int64]
+    rigs: Rigs | None = None
 
     def select(self, edges: NDArray[np.bool_]) -> ColmapImages:
         """The source of the graph that keeps the edges (m,) marked True."""
-        return ColmapImages(self.image_ids, self.camera_ids, self.configurations[edges])
+        return replace(self, configurations=self.configurations[edges])
 
 
 def pair_of(pair_id: int) -> tuple[int, int]:
@@ -99,6 +103,8 @@ def read_database(path: Path, data: bytes, options: ReadOptions) -> MeasurementG
             f"SELECT pair_id, rows, config, {poses} FROM two_view_geometries ORDER BY pair_id"
         ).fetchall()
         names = {image: name for image, name, _ in images}
+        rigs = _rigs(path, connection)
+        gravity = _count_gravity(connection)
         stored, without, skipped = _sorted_out(path, rows, names)
         computed = (
             quaternions_of_pairs(connection, [(pair, *pair_of(pair)) for pair in without])
@@ -108,6 +114,10 @@ def read_database(path: Path, data: bytes, options: ReadOptions) -> MeasurementG
     quaternions = {**stored, **(computed or {})}
     skipped[_NO_POSE] = len(without) - len(computed or {})
     notes = _notes(has_poses, computed, skipped)
+    if rigs is not None:
+        notes += (_note_of_rigs(rigs),)
+    if gravity:
+        notes += (f"{gravity} images have gravity, which --gravity takes from the database",)
     if not quaternions:
         raise FormatError(_nothing(len(rows), skipped, notes), path=path)
     used = [row for row in rows if row[0] in quaternions]
@@ -123,6 +133,7 @@ def read_database(path: Path, data: bytes, options: ReadOptions) -> MeasurementG
                 {name: image for image, name, _ in images},
                 {name: camera for _, name, camera in images},
                 np.array([kind for _, _, kind, *_ in used]),
+                rigs,
             ),
             notes=notes,
         )
@@ -170,6 +181,65 @@ def read_gravity_of(path: Path) -> tuple[list[str], NDArray[np.float64]]:
     known = [k for k, vector in enumerate(vectors) if np.isfinite(vector).all()]
     found = np.array([vectors[k] for k in known]).reshape(-1, 3)
     return [rows[k][0] for k in known], found
+
+
+def read_rigs_of(path: Path) -> Rigs | None:
+    """The rigs of several cameras, nodes by the images' names; None where there are none."""
+    with opened(path) as connection:
+        return _rigs(path, connection)
+
+
+def _rigs(path: Path, connection: sqlite3.Connection) -> Rigs | None:
+    """As COLMAP 3.12 and later has them; a rig of one camera is a plain image."""
+    tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
+    if not {"rigs", "rig_sensors", "frames", "frame_data"} <= tables:
+        return None
+    rotations: dict[Any, NDArray[np.float64]] = {}
+    several = set()
+    for rig, sensor, blob in connection.execute(
+        "SELECT rig_id, sensor_id, sensor_from_rig FROM rig_sensors WHERE sensor_type = 0"
+    ):
+        several.add(rig)
+        if blob is None:
+            continue
+        quaternion = _vector(path, f"sensor {sensor} of rig {rig}", blob, 7)[:4]
+        if is_unit(quaternion):  # NaN where COLMAP itself does not know it
+            sensor_from_rig = matrices_from_quaternions(xyzw_from_wxyz(quaternion))
+            rotations[sensor] = convert_family(sensor_from_rig, "vision")
+    for rig, sensor in connection.execute(
+        "SELECT rig_id, ref_sensor_id FROM rigs WHERE ref_sensor_type = 0"
+    ):
+        if rig in several:
+            rotations[sensor] = np.eye(3)
+    images: dict[Any, tuple[Any, Any]] = {}
+    for name, frame, sensor, rig in connection.execute(
+        "SELECT name, frames.frame_id, images.camera_id, rig_id FROM frame_data "
+        "JOIN frames ON frame_data.frame_id = frames.frame_id "
+        "JOIN images ON data_id = image_id WHERE sensor_type = 0 ORDER BY image_id"
+    ):
+        if rig in several:
+            images[name] = frame, sensor
+    return Rigs(images, rotations) if images else None
+
+
+def _note_of_rigs(rigs: Rigs) -> str:
+    sensors = {sensor for _, sensor in rigs.images.values()}
+    known = len(sensors & rigs.rotations.keys())
+    frames = len({frame for frame, _ in rigs.images.values()})
+    return f"rigs: {len(sensors)} sensors, of which {known} are calibrated, in {frames} frames"
+
+
+def _count_gravity(connection: sqlite3.Connection) -> int:
+    columns = connection.execute("PRAGMA table_info(pose_priors)").fetchall()
+    if not {"gravity", "corr_sensor_type"} <= {name for _, name, *_ in columns}:
+        return 0
+    rows = connection.execute(
+        "SELECT gravity FROM pose_priors WHERE corr_sensor_type = 0 AND gravity IS NOT NULL"
+    )
+    return sum(
+        isinstance(blob, bytes) and len(blob) == 24 and bool(np.isfinite(np.frombuffer(blob)).all())
+        for (blob,) in rows
+    )
 
 
 def _reason_to_skip(

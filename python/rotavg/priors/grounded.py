@@ -14,7 +14,7 @@ from rotavg.base.arrays import as_floats
 from rotavg.base.errors import GraphError
 from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.priors.priors import Priors
+from rotavg.priors.priors import Priors, Rigs
 
 
 class Weighed(Protocol):
@@ -94,7 +94,7 @@ class Grounded:
             if len(angles) > 0:
                 median = np.degrees(np.median(angles))
                 known.append(f"{len(angles)} {name} (residuals {median:.3g} deg in the median)")
-        if self.priors.rigs:
+        if isinstance(self.priors.rigs, Mapping) and self.priors.rigs:
             frames = len({frame for frame, _ in self.priors.rigs.values()})
             known.append(f"{len(self.priors.rigs)} cameras of rigs in {frames} frames")
         text = ", ".join(known) + ("; the certificate covers them" if certified else "")
@@ -114,52 +114,83 @@ def ground(graph: MeasurementGraph, priors: Priors) -> Grounded | None:
     """
     if not isinstance(graph, MeasurementGraph):
         raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
+    if isinstance(priors, Priors) and isinstance(priors.rigs, Rigs):
+        priors = replace(priors, rigs=_cameras(priors.rigs))
+    made = core_priors(graph, priors)
+    if not (priors.hold_world or priors.rigs):
+        return None
+    try:
+        core = _core.GroundedGraph(graph._core, made)
+    except _core.InvalidPrior as error:
+        raise prior_error(graph, error) from None
+    except ValueError as error:
+        raise GraphError(str(error)) from None
+    return Grounded(graph, priors, core)
+
+
+def _cameras(rigs: Rigs) -> dict[Any, tuple[Any, Any]]:
+    """The images of rigs all of whose sensors are known."""
+    for node, value in rigs.images.items():
+        if not isinstance(value, (tuple, list)) or len(value) != 2:
+            found = f"the rig prior of node {node!r} is {value!r}"
+            raise GraphError(f"{found}, expected a pair of frame and sensor")
+        if value[1] not in rigs.rotations:
+            raise GraphError(
+                f"the rotation of sensor {value[1]!r} is not known, expected rigs all of whose "
+                "sensors are (after solve(), solution.rigs.priors holds them)"
+            )
+    return {node: (frame, rigs.rotations[s]) for node, (frame, s) in rigs.images.items()}
+
+
+def core_priors(graph: MeasurementGraph, priors: Priors) -> _core.Priors:
+    """Priors as the core takes them, nodes by their rows; rigs with all sensors known.
+
+    Raises:
+        GraphError: names the prior that is not of the graph, or not what it should be.
+    """
     if not isinstance(priors, Priors):
         raise GraphError(f"priors are a {type(priors).__name__}, expected a rotavg.Priors")
     for name in ("fixed", "absolute", "gravity", "rigs"):
         if not isinstance(getattr(priors, name), Mapping):
             raise GraphError(f"{name} priors are no mapping from nodes, expected a dict")
-    if not (priors.fixed or priors.absolute or priors.gravity or priors.rigs):
-        return None
-    fixed = _of_nodes(graph, priors.fixed, "fixed")
-    absolute = _pairs(_of_nodes(graph, priors.absolute, "absolute"))
-    gravity = _pairs(_of_nodes(graph, priors.gravity, "gravity"))
-    rigs = _pairs(_of_nodes(graph, priors.rigs, "rig"), "a frame and the camera's rotation in it")
+    assert isinstance(priors.rigs, Mapping)
+    fixed = of_nodes(graph, priors.fixed, "fixed")
+    absolute = _pairs(of_nodes(graph, priors.absolute, "absolute"))
+    gravity = _pairs(of_nodes(graph, priors.gravity, "gravity"))
+    rigs = _pairs(of_nodes(graph, priors.rigs, "rig"), "a frame and the camera's rotation in it")
     for item in rigs:
         if not isinstance(item.first, (int, str, np.integer)):
             raise GraphError(
                 f"{item.what} has the frame {item.first!r}, expected an integer or a name"
             )
     frame_rows = {frame: k for k, frame in enumerate(dict.fromkeys(p.first for p in rigs))}
-    try:
-        core = _core.GroundedGraph(
-            graph._core,
-            fixed=_rows(fixed),
-            fixed_rotations=_stack([as_floats(p.value, (3, 3), p.entries) for p in fixed], (3, 3)),
-            absolute=_rows(absolute),
-            absolute_rotations=_stack(
-                [as_floats(p.first, (3, 3), p.entries) for p in absolute], (3, 3)
-            ),
-            absolute_weights=_stack([_weight(p) for p in absolute]),
-            gravity=_rows(gravity),
-            gravity_downs=_stack([as_floats(p.first, (3,), p.entries) for p in gravity], (3,)),
-            gravity_weights=_stack([_weight(p) for p in gravity]),
-            rigs=_rows(rigs),
-            rig_frames=np.array([frame_rows[p.first] for p in rigs], dtype=np.int64),
-            rig_rotations=_stack([as_floats(p.second, (3, 3), p.entries) for p in rigs], (3, 3)),
-            down=as_floats(priors.down, (3,), "down"),
-        )
-    except _core.InvalidPrior as error:
-        kind, row, reason = error.args
-        of = "down" if kind == "down" else _name(graph, kind, row)
-        raise GraphError(f"{of} {reason}") from None
-    except ValueError as error:
-        raise GraphError(str(error)) from None
-    return Grounded(graph, priors, core)
+    return _core.Priors(
+        fixed=_rows(fixed),
+        fixed_rotations=_stack([as_floats(p.value, (3, 3), p.entries) for p in fixed], (3, 3)),
+        absolute=_rows(absolute),
+        absolute_rotations=_stack(
+            [as_floats(p.first, (3, 3), p.entries) for p in absolute], (3, 3)
+        ),
+        absolute_weights=_stack([_weight(p) for p in absolute]),
+        gravity=_rows(gravity),
+        gravity_downs=_stack([as_floats(p.first, (3,), p.entries) for p in gravity], (3,)),
+        gravity_weights=_stack([_weight(p) for p in gravity]),
+        rigs=_rows(rigs),
+        rig_frames=np.array([frame_rows[p.first] for p in rigs], dtype=np.int64),
+        rig_rotations=_stack([as_floats(p.second, (3, 3), p.entries) for p in rigs], (3, 3)),
+        down=as_floats(priors.down, (3,), "down"),
+    )
+
+
+def prior_error(graph: MeasurementGraph, error: _core.InvalidPrior) -> GraphError:
+    """What the core refuses, by the node's name."""
+    kind, row, reason = error.args
+    of = "down" if kind == "down" else _name(graph, kind, row)
+    return GraphError(f"{of} {reason}")
 
 
 @dataclass(frozen=True)
-class _OfNode:
+class OfNode:
     """What is known of a node, under a name for errors."""
 
     row: int
@@ -168,14 +199,17 @@ class _OfNode:
 
     @property
     def entries(self) -> str:
+        """A name of its entries."""
         return f"the entries of {self.what}"
 
     @property
     def first(self) -> Any:
+        """The first of a pair."""
         return self.value[0]
 
     @property
     def second(self) -> Any:
+        """The second of a pair."""
         return self.value[1]
 
 
@@ -183,7 +217,8 @@ def _name(graph: MeasurementGraph, kind: str, row: int) -> str:
     return f"the {kind} prior of node {graph.nodes[row].item()!r}"
 
 
-def _of_nodes(graph: MeasurementGraph, priors: Mapping[Any, Any], kind: str) -> list[_OfNode]:
+def of_nodes(graph: MeasurementGraph, priors: Mapping[Any, Any], kind: str) -> list[OfNode]:
+    """What is known of nodes, with their rows; GraphError for one that is not in the graph."""
     if not priors:
         return []
     keys = list(priors)
@@ -193,24 +228,24 @@ def _of_nodes(graph: MeasurementGraph, priors: Mapping[Any, Any], kind: str) -> 
         node = keys[int(np.argmin(rows))]
         raise GraphError(f"the {kind} prior of node {node!r}: it is not in the graph")
     return [
-        _OfNode(row, _name(graph, kind, row), priors[key]) for row, key in zip(rows.tolist(), keys)
+        OfNode(row, _name(graph, kind, row), priors[key]) for row, key in zip(rows.tolist(), keys)
     ]
 
 
-def _pairs(items: list[_OfNode], expected: str = "what is known and its weight") -> list[_OfNode]:
+def _pairs(items: list[OfNode], expected: str = "what is known and its weight") -> list[OfNode]:
     for item in items:
         if not isinstance(item.value, (tuple, list)) or len(item.value) != 2:
             raise GraphError(f"{item.what} is {item.value!r}, expected a pair of {expected}")
     return items
 
 
-def _weight(item: _OfNode) -> float:
+def _weight(item: OfNode) -> float:
     if not isinstance(item.second, (int, float, np.number)):
         raise GraphError(f"{item.what} has the weight {item.second!r}, expected a number")
     return float(item.second)
 
 
-def _rows(items: list[_OfNode]) -> NDArray[np.int64]:
+def _rows(items: list[OfNode]) -> NDArray[np.int64]:
     return np.array([item.row for item in items], dtype=np.int64)
 
 

@@ -10,6 +10,23 @@ from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True, eq=False)
+class Rigs:
+    """Which images the sensors of rigs took together: R_i = Q_f C_s.
+
+    Sensors whose rotation C is not given are estimated, together with the rotations Q of the
+    frames. What hangs together by frames is one rig; where none of its sensors is given, its first
+    one is the reference and has C = I.
+
+    Attributes:
+        images: (frame, sensor) of a node, each an integer or a name; a sensor is in a frame once.
+        rotations: C (3, 3) = rig_from_sensor of the sensors that are known.
+    """
+
+    images: Mapping[Any, tuple[Any, Any]]
+    rotations: Mapping[Any, ArrayLike] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
 class Priors:
     """Prior knowledge of the rotations R_i = world_from_i.
 
@@ -25,14 +42,14 @@ class Priors:
         down: g (3,), down in the world: by default (0, 1, 0), as COLMAP and GLOMAP have it.
         rigs: (frame, rotation C (3, 3)) of a node that is a camera of a calibrated rig: cameras
             with the same frame, an integer or a name, share its rotation Q, R_i = Q C with
-            C = rig_from_camera.
+            C = rig_from_camera. Or Rigs, where some sensors are not known (docs/rigs.md).
     """
 
     fixed: Mapping[Any, ArrayLike] = field(default_factory=dict)
     absolute: Mapping[Any, tuple[ArrayLike, float]] = field(default_factory=dict)
     gravity: Mapping[Any, tuple[ArrayLike, float]] = field(default_factory=dict)
     down: ArrayLike = (0.0, 1.0, 0.0)
-    rigs: Mapping[Any, tuple[Any, ArrayLike]] = field(default_factory=dict)
+    rigs: Mapping[Any, tuple[Any, ArrayLike]] | Rigs = field(default_factory=dict)
 
     @property
     def hold_world(self) -> bool:

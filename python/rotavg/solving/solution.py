@@ -15,6 +15,7 @@ from rotavg.graph import conventions
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.node_mapping import NodeMapping
 from rotavg.priors.grounded import Grounded
+from rotavg.priors.rigs import RigFit
 from rotavg.solving.certificate import Certificate, Verdict
 from rotavg.solving.robust import RobustFit, bridges, contamination_of
 from rotavg.solving.status import Status, Timings, Trace
@@ -58,6 +59,8 @@ class Solution(NodeMapping):
         grounded: with priors, the problem that was solved: that of the measurements and the
             priors, whose figures `objective`, the gradient and the certificate are. The world
             is then no free gauge, and its component has the label 0.
+        rigs: with `Rigs`, the sensors' rotations in them; the certificate is that of the frames
+            with the sensors held, and `rigs.lower_bound` is for both together.
         anisotropic: whether the covariances C of the graph were honoured. "": no. "chordal": the
             objective, with its gradient and certificate, is sum of 4 v^T C^-1 v (see `solve`).
             "log": it is sum of r^T C^-1 r, r = log(R_ij^T R_i^T R_j), at a local minimum, which
@@ -82,6 +85,7 @@ class Solution(NodeMapping):
     component: NDArray[np.int32]
     robust: RobustFit | None = None
     grounded: Grounded | None = None
+    rigs: RigFit | None = None
     isotropic: Solution | None = None
     anisotropic: Literal["", "chordal", "log"] = ""
 
@@ -233,6 +237,8 @@ class Solution(NodeMapping):
             rows.append(("components", _gauges(self.num_components, held)))
         if self.grounded is not None:
             rows += self.grounded.rows(self.rotations, self.certificate is not None)
+        if self.rigs is not None:
+            rows.append(("rigs", self.rigs.sentence))
         known = self.known_covariances
         if known is not None:
             rms = rms_degrees(known)
@@ -253,9 +259,12 @@ class Solution(NodeMapping):
     def _verdict_sentence(self, c: Certificate) -> str:
         if c.verdict == Verdict.NOT_CERTIFIED and not self.status.converged:
             return "not certified: not converged yet"
+        held = ""
+        if self.rigs is not None and self.rigs.estimated.any():
+            held = " of the frames with the estimated sensors held"
         if self.robust is None:
-            return c.sentence
-        return self.robust.proof_sentence(c.sentence, self.num_components)
+            return f"{c.sentence}{held}"
+        return self.robust.proof_sentence(f"{c.sentence}{held}", self.num_components)
 
     def __repr__(self) -> str:
         verdict = "no certificate" if self.certificate is None else str(self.certificate.verdict)

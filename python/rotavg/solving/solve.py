@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
 from rotavg.base.arrays import as_floats, read_only
-from rotavg.base.errors import GraphError, OptionError, SolverError
+from rotavg.base.errors import Error, GraphError, OptionError, SolverError
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.grounded import ground
 from rotavg.priors.priors import Priors
+from rotavg.priors.rigs import is_rigs, sensors_of
 from rotavg.solving import options
 from rotavg.solving.anisotropic import (
     START_TOLERANCE,
@@ -214,21 +215,38 @@ def solve(
         **_known_edges(graph, loss, trusted, excluded, edge_scales, initial_weights),
     }
 
-    grounded = None if priors is None else ground(graph, priors)
+    sensors = sensors_of(graph, priors) if priors is not None and is_rigs(priors) else None
+    grounded = None if priors is None or sensors is not None else ground(graph, priors)
     first = settings
     if anisotropic is not False:
+        if sensors is not None:
+            raise OptionError("anisotropic is not possible with rigs whose sensors are not known")
         check(graph, anisotropic, None if grounded is None else priors)
         rough = max(settings["tolerance"], START_TOLERANCE)
         first = {**settings, "certify": False, "stop": "gradient", "tolerance": rough}
         if start is not None and loss == "l2" and grounded is None:
             first["max_iterations"] = 0  # from there at once
-    core = _call_core(
-        graph,
-        _core.solve,
-        **first,
-        priors=None if grounded is None else grounded.core,
-        start_is_solution=origin == "solution",
-    )
+    try:
+        core = _call_core(
+            graph,
+            _core.solve,
+            **first,
+            priors=None if grounded is None else grounded.core,
+            start_is_solution=origin == "solution",
+            rigs=None if sensors is None else sensors.core,
+            rig_priors=None if sensors is None else sensors.others,
+        )
+    except _core.InvalidPrior as error:
+        assert sensors is not None
+        raise sensors.error(error) from None
+    except Error:
+        raise
+    except ValueError as error:  # of the rigs: nothing is left to solve
+        raise GraphError(str(error)) from None
+    rigs = None
+    if sensors is not None:
+        rigs = sensors.fit(core["rigs"], core["rotations"], core["objective"])
+        grounded = sensors.grounded(rigs)
     robust = None
     if "robust" in core:
         robust = RobustFit.from_core(core["robust"], graph)
@@ -252,6 +270,7 @@ def solve(
         component=read_only(core["component"]),
         robust=robust,
         grounded=grounded,
+        rigs=rigs,
     )
     interrupted = core["interrupted"]
     if anisotropic is not False and not interrupted:

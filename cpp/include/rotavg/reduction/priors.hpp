@@ -51,7 +51,7 @@ struct Priors {
   bool empty() const { return !hold_world() && rigs.empty(); }
 };
 
-enum class PriorKind { fixed, absolute, gravity, rig, down };
+enum class PriorKind { fixed, absolute, gravity, rig, sensor, down };
 
 /// A prior that no problem can hold: which one and why.
 class InvalidPrior : public std::invalid_argument {
@@ -62,7 +62,7 @@ class InvalidPrior : public std::invalid_argument {
         node_(node),
         reason_(reason) {}
   PriorKind kind() const { return kind_; }
-  /// Means nothing for PriorKind::down.
+  /// Of PriorKind::sensor that of the sensor; means nothing for PriorKind::down.
   NodeId node() const { return node_; }
   const std::string& reason() const { return reason_; }
 
@@ -70,6 +70,7 @@ class InvalidPrior : public std::invalid_argument {
   static std::string subject(PriorKind kind, NodeId node) {
     static constexpr const char* names[] = {"fixed", "absolute", "gravity", "rig"};
     if (kind == PriorKind::down) return "down";
+    if (kind == PriorKind::sensor) return "the rotation of sensor " + std::to_string(node);
     return std::string("the ") + names[static_cast<int>(kind)] + " prior of node " +
            std::to_string(node);
   }

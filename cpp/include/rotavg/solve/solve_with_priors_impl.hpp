@@ -30,19 +30,23 @@ namespace detail {
 /// of rigs where there are some.
 /// @param solve `Solution solve(const MeasurementGraph&, std::optional<Rotations> start)`, or of a
 ///        type derived from Solution
+/// (Without a world they have the weights of the problem, with one the given weights.)
 /// @returns its rotations and components are those of the given nodes
 /// @throws std::invalid_argument if no edge joins two frames
 template <typename Solve>
 auto solve_measurements(const GroundedGraph& problem, std::optional<Rotations> start,
                         Solve&& solve) {
   const MeasurementGraph& given = problem.given();
-  if (problem.priors().rigs.empty()) return solve(given, std::move(start));
+  const bool has_rigs = !problem.priors().rigs.empty();
+  if (!has_rigs) return solve(problem.has_world() ? given : problem.graph(), std::move(start));
   if (start) start = problem.frames().variables_from(checked_rotations(given, *std::move(start)));
   if (edges_between_variables(given, problem.frames()).empty()) {
     throw std::invalid_argument("all edges are between cameras of one frame, which the rig holds");
   }
-  const ReducedGraph between_frames(given, problem.frames());
-  auto solution = solve(between_frames.graph(), std::move(start));
+  std::optional<ReducedGraph> between_frames;
+  if (problem.has_world()) between_frames.emplace(given, problem.frames());
+  auto solution =
+      solve(between_frames ? between_frames->graph() : problem.graph(), std::move(start));
   solution.rotations = problem.frames().nodes_from(solution.rotations);
   solution.components = components_of_nodes(problem.frames(), solution.components);
   return solution;

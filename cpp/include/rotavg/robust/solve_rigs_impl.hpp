@@ -1,0 +1,223 @@
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include <rotavg/compiled.hpp>
+#include <rotavg/init/rig_start.hpp>
+#include <rotavg/reduction/grounded_graph.hpp>
+#include <rotavg/reduction/rig_layout.hpp>
+#include <rotavg/robust/residuals.hpp>
+#include <rotavg/robust/solve_rigs.hpp>
+#include <rotavg/robust/solve_robust_with_priors_impl.hpp>
+#include <rotavg/so3/lie.hpp>
+#include <rotavg/solve/shared_rotations.hpp>
+#include <rotavg/solve/solve_with_priors_impl.hpp>
+#include <rotavg/solve/stopwatch.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+namespace detail {
+
+/// solve() or solve_robust().
+inline RobustSolution solve_either(const GroundedGraph& problem, const SolveOptions& options,
+                                   const std::optional<RobustOptions>& robust,
+                                   std::optional<Rotations> start = std::nullopt) {
+  if (robust) return solve_robust(problem, options, *robust, std::move(start));
+  RobustSolution solution;
+  static_cast<Solution&>(solution) = solve(problem, options, std::move(start));
+  return solution;
+}
+
+/// Gives a problem the robust weights that a solution ended with.
+inline void take_weights(const RobustSolution& solution, GroundedGraph& problem) {
+  if (!solution.edge_weights.empty()) problem.set_weights(solution.edge_weights);
+  if (solution.absolute.weights.empty() && solution.gravity.weights.empty()) return;
+  std::vector<double> absolute = solution.absolute.weights, gravity = solution.gravity.weights;
+  if (absolute.empty()) {
+    for (const auto& p : problem.priors().absolute) absolute.push_back(p.weight);
+  }
+  if (gravity.empty()) {
+    for (const auto& p : problem.priors().gravity) gravity.push_back(p.weight);
+  }
+  problem.set_prior_weights(absolute, gravity);
+}
+
+/// The robust weights (m,) of the given measurements at other rotations (n,), in the units and at
+/// the scale that a solution ended with.
+inline std::vector<double> reweighed(const MeasurementGraph& given, const RobustSolution& solution,
+                                     const Rotations& R) {
+  std::vector<double> weights = solution.edge_weights;
+  for (Index k = 0; k < given.num_edges(); ++k) {
+    const EdgeVerdict verdict = solution.verdicts.edges[k];
+    if (verdict == EdgeVerdict::trusted || verdict == EdgeVerdict::excluded ||
+        verdict == EdgeVerdict::cycle_check) {
+      continue;
+    }
+    const Edge& e = given.edges()[k];
+    const double x = 0.5 * residual(e, R).squaredNorm(), scale = solution.edge_scales[k];
+    const double share = weight_share(solution.loss, x, 1.0 / (scale * scale));
+    weights[k] = std::max(min_weight, std::max(least_weight_share, share) * e.weight);
+  }
+  return weights;
+}
+
+/// The rotations of all nodes where the frames are the medians of what their images say.
+inline Rotations frames_from_images(const RigLayout& rigs, const Rotations& C, Rotations R) {
+  std::vector<Rotations> samples(static_cast<std::size_t>(rigs.num_frames()));
+  for (std::size_t i = 0; i < R.size(); ++i) {
+    if (rigs.frame_of()[i] < 0) continue;
+    samples[rigs.frame_of()[i]].push_back(R[i] * C[rigs.sensor_of()[i]].transpose());
+  }
+  Rotations frames;
+  for (const Rotations& of_frame : samples) frames.push_back(median_rotation(of_frame));
+  for (std::size_t i = 0; i < R.size(); ++i) {
+    if (rigs.frame_of()[i] >= 0) R[i] = frames[rigs.frame_of()[i]] * C[rigs.sensor_of()[i]];
+  }
+  return R;
+}
+
+/// What rides in `images`, where images of unknown sensors are variables, on the variables of
+/// `held`, where they ride on their frames with C.
+inline SharedRiding ride_on_shared(const RigLayout& rigs, const GroundedGraph& images,
+                                   const GroundedGraph& held, const Rotations& C) {
+  const Index bodies = images.riding().num_variables;
+  SharedRiding shared;
+  shared.riding = Riding::alone(bodies);
+  shared.riding.num_variables = held.riding().num_variables;
+  std::fill(shared.riding.variable.begin(), shared.riding.variable.end(), 0);
+  shared.shared.assign(static_cast<std::size_t>(bodies), -1);
+  shared.num_shared = rigs.num_sensors();
+  for (Index i = 0; i < images.given().num_nodes(); ++i) {
+    const Index b = images.riding().variable[i], s = rigs.sensor_of()[i];
+    if (images.has_world() && b == 0) continue;  // rides on the world in both
+    const bool estimated = s >= 0 && rigs.is_estimated(s);
+    shared.riding.variable[b] = held.riding().variable[i];
+    // Q_b C_i(images) = Q_v C_i(held): K = C_i(held) C_i(images)^T, less the shared rotation.
+    const Matrix3 inner = estimated ? C[s] : images.riding().variable_from_node[i];
+    shared.riding.variable_from_node[b] =
+        nearest_rotation(held.riding().variable_from_node[i] * inner.transpose());
+    if (estimated) shared.shared[b] = s;
+  }
+  return shared;
+}
+
+}  // namespace detail
+
+ROTAVG_INLINE RigEstimate estimate_rigs(const MeasurementGraph& graph, const Rigs& rigs,
+                                        const Priors& priors, const SolveOptions& options,
+                                        const std::optional<RobustOptions>& robust,
+                                        std::optional<Rotations> start) {
+  constexpr int max_rounds = 30;
+  constexpr double settled = 1e-6;  // radians
+  const Stopwatch watch;
+  const RigLayout layout(graph, rigs);
+  RigEstimate estimate;
+  estimate.sensors = layout.sensors();
+  estimate.origin = layout.origin();
+  estimate.determined.assign(estimate.sensors.size(), true);
+  estimate.frame_from_sensor = layout.rotations();
+  if (!layout.any_estimated()) {
+    estimate.converged = true;
+    return estimate;
+  }
+  const NodeRows rows(graph.nodes());
+  for (const FixedRotation& p : priors.fixed) {
+    const Index row = rows.find(p.node);
+    if (row >= 0 && layout.sensor_of()[row] >= 0 && layout.is_estimated(layout.sensor_of()[row])) {
+      throw InvalidPrior(PriorKind::fixed, p.node,
+                         "is of an image whose sensor has no known rotation in its rig");
+    }
+  }
+  SolveOptions rough = options;
+  rough.certify = false;
+  rough.iteration.tolerance = std::max(options.iteration.tolerance, 1e-6);
+  rough.iteration.callback = nullptr;
+  const auto left = [&] {
+    rough.iteration.time_limit = std::max(0.0, options.iteration.time_limit - watch.seconds());
+    return rough;
+  };
+
+  // 1. and 2.
+  Rotations& C = estimate.frame_from_sensor;
+  GroundedGraph images(graph, layout.without_estimated(graph, priors));
+  RobustSolution solution = detail::solve_either(images, left(), robust, std::move(start));
+  C = sensors_from_images(layout, solution.rotations, solution.components.label);
+
+  // 3.
+  const std::vector<Index>& label = solution.components.label;
+  if (std::all_of(label.begin(), label.end(), [](Index c) { return c == 0; })) {
+    estimate.rotations = detail::frames_from_images(layout, C, std::move(solution.rotations));
+  } else {  // only the rigs hold the parts together
+    const GroundedGraph held(graph, layout.held(graph, priors, C));
+    solution = detail::solve_either(held, left(), robust);
+    estimate.rotations = std::move(solution.rotations);
+  }
+  for (int round = 0; round < max_rounds; ++round) {
+    GroundedGraph held(graph, layout.held(graph, priors, C));
+    detail::take_weights(solution, images);
+    detail::take_weights(solution, held);
+    const SharedRiding shared = detail::ride_on_shared(layout, images, held, C);
+    IterationOptions iteration = left().iteration;
+    iteration.tolerance = options.iteration.tolerance;
+    SharedResult found = refine_shared(images.graph(), shared, held.graph(),
+                                       held.variables_from(estimate.rotations), C, iteration);
+    double change = 0.0;
+    for (std::size_t s = 0; s < C.size(); ++s) {
+      if (!layout.is_estimated(static_cast<Index>(s))) continue;
+      change = std::max(change, angle_between(C[s], found.shared[s]));
+      C[s] = found.shared[s];
+      estimate.determined[s] = found.determined[s];
+    }
+    estimate.converged = found.converged;
+    estimate.iterations += found.iterations;
+    estimate.relative_gradient = found.relative_gradient;
+    estimate.rotations = images.nodes_from(shared.nodes_from(found.variables, C));
+    if (!robust || change <= settled || watch.seconds() >= options.iteration.time_limit) break;
+    solution.edge_weights = detail::reweighed(graph, solution, estimate.rotations);
+  }
+  estimate.seconds = watch.seconds();
+  return estimate;
+}
+
+ROTAVG_INLINE RigSolution solve_rigs(const MeasurementGraph& graph, const Rigs& rigs,
+                                     const Priors& priors, const SolveOptions& options,
+                                     const std::optional<RobustOptions>& robust,
+                                     std::optional<Rotations> start) {
+  const Stopwatch watch;
+  RigSolution solution;
+  solution.rigs = estimate_rigs(graph, rigs, priors, options, robust, start);
+  if (!solution.rigs.rotations.empty()) start = solution.rigs.rotations;
+  SolveOptions rest = options;
+  const auto left = [&] {
+    rest.iteration.time_limit = std::max(0.0, options.iteration.time_limit - watch.seconds());
+    return rest;
+  };
+  const GroundedGraph held(graph, solution.rigs.held(graph, rigs, priors));
+  static_cast<RobustSolution&>(solution) =
+      detail::solve_either(held, left(), robust, std::move(start));
+  const RigLayout layout(graph, rigs);
+  if (options.certify && layout.any_estimated() && solution.status != Status::stopped) {
+    GroundedGraph images(graph, layout.without_estimated(graph, priors));
+    detail::take_weights(solution, images);
+    rest.iteration.callback = nullptr;
+    const Solution relaxed = solve(images, left(), solution.rotations);
+    if (relaxed.certificate.verdict != Verdict::not_run) {
+      solution.rigs.lower_bound = std::max(0.0, relaxed.objective - relaxed.certificate.gap);
+    }
+    solution.timings.certify +=
+        relaxed.timings.init + relaxed.timings.solve + relaxed.timings.certify;
+  }
+  solution.timings.init += solution.rigs.seconds;
+  return solution;
+}
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -1,0 +1,284 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/parallel/threads.hpp>
+#include <rotavg/problem/hessian.hpp>
+#include <rotavg/problem/laplacian_metric.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/reduction/riding.hpp>
+#include <rotavg/so3/lie.hpp>
+#include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/solve/options.hpp>
+#include <rotavg/solve/stopwatch.hpp>
+#include <rotavg/solve/truncated_cg.hpp>
+#include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+/// Nodes that ride on variables with constant rotations and, some of them, with rotations that
+/// several share and nobody knows:
+///
+///     R_i = Q_v(i) K_i C_s(i).
+struct SharedRiding {
+  Riding riding;              ///< v(i) and K_i
+  std::vector<Index> shared;  ///< (n,) s(i); -1: C = I
+  Index num_shared = 0;
+
+  Rotations nodes_from(const Rotations& Q, const Rotations& C) const {
+    Rotations R = riding.nodes_from(Q);
+    for (std::size_t i = 0; i < R.size(); ++i) {
+      if (shared[i] >= 0) R[i] = R[i] * C[shared[i]];
+    }
+    return R;
+  }
+};
+
+/// What refine_shared() ended with.
+struct SharedResult {
+  Rotations variables;  ///< Q
+  Rotations shared;     ///< C
+  /// Of every C, whether the edges tell it: the objective rises in all directions from it.
+  std::vector<bool> determined;
+  bool converged = false;
+  int iterations = 0;
+  double objective = 0.0;
+  double relative_gradient = 0.0;  ///< largest |gradient| / degree, of variables and shared
+};
+
+namespace detail {
+
+/// The Gauss-Newton matrix of refine_shared() for residuals of zero, M = [4 L, B; B^T, D] with L
+/// the Laplacian of the variables, by the Schur complement of D: the metric in which f is nearly
+/// round.
+class SharedMetric {
+ public:
+  /// @param graph of the nodes
+  /// @param laplacian of the variables; null: their degrees instead
+  /// @param degrees (variables + shared,)
+  SharedMetric(const MeasurementGraph& graph, const SharedRiding& problem,
+               LaplacianMetric* laplacian, const Eigen::VectorXd& degrees)
+      : graph_(graph), problem_(problem), laplacian_(laplacian), degrees_(degrees) {}
+
+  /// @param frame (n,) Q_v(i) K_i
+  void update(const Rotations& frame) {
+    const Index V = problem_.riding.num_variables, S = problem_.num_shared;
+    solved_.assign(static_cast<std::size_t>(3 * S), NodeVectors());
+    across_ = solved_;
+    Eigen::MatrixXd schur(3 * S, 3 * S);
+    const auto n = static_cast<Index>(frame.size());
+    NodeVectors w(n, 3), h(n, 3), all(V + S, 3);
+    for (Index c = 0; c < 3 * S; ++c) {
+      if (degrees_(V + c / 3) == 0.0) {
+        across_[c] = solved_[c] = NodeVectors::Zero(V, 3);
+        schur.col(c).setZero();
+        continue;
+      }
+      w.setZero();
+      for (Index i = 0; i < n; ++i) {
+        if (problem_.shared[i] == c / 3) w.row(i) = frame[i].col(c % 3).transpose();
+      }
+      h.setZero();
+      for (const Edge& e : graph_.edges()) {
+        const Eigen::RowVector3d d = 4.0 * e.weight * (w.row(e.i) - w.row(e.j));
+        h.row(e.i) += d;
+        h.row(e.j) -= d;
+      }
+      gather(frame, h, all);
+      across_[c] = all.topRows(V);
+      apply_laplacian(across_[c], solved_[c]);
+      for (Index s = 0; s < S; ++s) schur.col(c).segment<3>(3 * s) = all.row(V + s).transpose();
+    }
+    for (Index c = 0; c < 3 * S; ++c) {
+      for (Index d = 0; d < 3 * S; ++d) {
+        schur(c, d) -= across_[c].cwiseProduct(solved_[d]).sum();
+      }
+    }
+    // Scaled by the degrees; directions that cost nothing are left alone.
+    constexpr double nothing = 1e-9;
+    Eigen::VectorXd scale(3 * S);
+    for (Index c = 0; c < 3 * S; ++c) {
+      const double degree = degrees_(V + c / 3);  // zero of one that no node has
+      scale(c) = degree > 0.0 ? 1.0 / std::sqrt(4.0 * degree) : 0.0;
+    }
+    schur = scale.asDiagonal() * (0.5 * (schur + schur.transpose())) * scale.asDiagonal();
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(schur);
+    Eigen::VectorXd inverse = eigen.eigenvalues();
+    determined_.assign(static_cast<std::size_t>(S), true);
+    for (Index k = 0; k < 3 * S; ++k) {
+      if (inverse(k) > nothing) {
+        inverse(k) = 1.0 / inverse(k);
+        continue;
+      }
+      inverse(k) = 0.0;
+      for (Index c = 0; c < 3 * S; ++c) {
+        if (std::abs(eigen.eigenvectors()(c, k)) > 1e-3) determined_[c / 3] = false;
+      }
+    }
+    inverse_ = scale.asDiagonal() * eigen.eigenvectors() * inverse.asDiagonal() *
+               eigen.eigenvectors().transpose() * scale.asDiagonal();
+  }
+
+  /// M^-1 r.
+  void apply(const NodeVectors& r, NodeVectors& result) {
+    const Index V = problem_.riding.num_variables, S = problem_.num_shared;
+    apply_laplacian(r.topRows(V), above_);
+    Eigen::VectorXd rest(3 * S);
+    for (Index c = 0; c < 3 * S; ++c) {
+      rest(c) = r(V + c / 3, c % 3) - across_[c].cwiseProduct(above_).sum();
+    }
+    rest = inverse_ * rest;
+    result.resize(V + S, 3);
+    for (Index c = 0; c < 3 * S; ++c) {
+      above_ -= rest(c) * solved_[c];
+      result(V + c / 3, c % 3) = rest(c);
+    }
+    result.topRows(V) = above_;
+  }
+
+  const std::vector<bool>& determined() const { return determined_; }
+
+  /// The transpose of what the variables and C do to the nodes, w_i = w_v(i) + Q_v(i) K_i c_s(i).
+  void gather(const Rotations& frame, const NodeVectors& nodes, NodeVectors& all) const {
+    const Index V = problem_.riding.num_variables;
+    all.setZero(V + problem_.num_shared, 3);
+    for (std::size_t i = 0; i < frame.size(); ++i) {
+      const auto row = static_cast<Index>(i);
+      all.row(problem_.riding.variable[i]) += nodes.row(row);
+      if (problem_.shared[i] >= 0) all.row(V + problem_.shared[i]) += nodes.row(row) * frame[i];
+    }
+  }
+  void scatter(const Rotations& frame, const NodeVectors& all, NodeVectors& nodes) const {
+    const Index V = problem_.riding.num_variables;
+    nodes.resize(static_cast<Index>(frame.size()), 3);
+    for (std::size_t i = 0; i < frame.size(); ++i) {
+      const auto row = static_cast<Index>(i);
+      nodes.row(row) = all.row(problem_.riding.variable[i]);
+      if (problem_.shared[i] >= 0) {
+        nodes.row(row) += all.row(V + problem_.shared[i]) * frame[i].transpose();
+      }
+    }
+  }
+
+ private:
+  void apply_laplacian(const NodeVectors& v, NodeVectors& result) {
+    if (laplacian_ != nullptr) return laplacian_->apply(v, result);
+    result = v;
+    for (Index i = 0; i < v.rows(); ++i) {
+      if (degrees_(i) > 0.0) result.row(i) /= 4.0 * degrees_(i);
+    }
+  }
+
+  const MeasurementGraph& graph_;
+  const SharedRiding& problem_;
+  LaplacianMetric* laplacian_;
+  const Eigen::VectorXd& degrees_;
+  std::vector<NodeVectors> across_, solved_;  // the columns of B, and of (4 L)^-1 B
+  Eigen::MatrixXd inverse_;
+  std::vector<bool> determined_;
+  NodeVectors above_;
+};
+
+}  // namespace detail
+
+/// Descends to a stationary point of f (3) in the variables and the shared rotations together, by
+/// Newton's method with conjugate gradients: Q_v <- exp(w_v) Q_v, C_s <- exp(c_s) C_s. Hessian and
+/// gradient are those of the nodes, w_i = w_v(i) + Q_v(i) K_i c_s(i); what this leaves out of the
+/// Hessian is of the size of the residuals. The objective never rises.
+///
+/// @param graph of the nodes
+/// @param between the graph of the variables; its topology and weights are the metric
+/// @param Q, C where it starts
+inline SharedResult refine_shared(const MeasurementGraph& graph, const SharedRiding& problem,
+                                  const MeasurementGraph& between, Rotations Q, Rotations C,
+                                  const IterationOptions& options = {}) {
+  constexpr double max_flops = 1e10;
+  constexpr int max_iterations = 100, max_cg_steps = 50, max_halvings = 30;
+  constexpr double sufficient = 1e-4;
+  const Stopwatch watch;
+  const Index V = problem.riding.num_variables, S = problem.num_shared, n = graph.num_nodes();
+  const int num_threads = resolve_num_threads(options.num_threads, graph.num_edges());
+  Eigen::VectorXd degrees = Eigen::VectorXd::Zero(V + S);
+  for (Index i = 0; i < n; ++i) {
+    degrees(problem.riding.variable[i]) += graph.degree(i);
+    if (problem.shared[i] >= 0) degrees(V + problem.shared[i]) += graph.degree(i);
+  }
+  const auto keep_going = [&] {
+    return watch.seconds() <= options.time_limit && (!options.keep_going || options.keep_going());
+  };
+  const Components components = connected_components(between);
+  std::vector<Elimination> eliminations = grounded_eliminations(between, components);
+  LaplacianMetric laplacian(between, eliminations);
+  const bool factored = laplacian.flops(max_flops) <= max_flops &&
+                        laplacian.factorize(keep_going) == CholeskyOutcome::positive_definite;
+  detail::SharedMetric metric(graph, problem, factored ? &laplacian : nullptr, degrees);
+
+  SharedResult result;
+  Rotations frame = problem.riding.nodes_from(Q);
+  ResidualQuaternions residuals(graph, to_quaternions(problem.nodes_from(Q, C)), num_threads);
+  NodeVectors of_nodes(n, 3), H_w(n, 3), g;
+  TruncatedCg<NodeVectors> newton_direction;
+  for (;; ++result.iterations) {
+    for (Index i = 0; i < n; ++i) of_nodes.row(i) = residuals.gradient(i).transpose();
+    metric.gather(frame, of_nodes, g);
+    result.relative_gradient = 0.0;
+    for (Index k = 0; k < V + S; ++k) {
+      if (degrees(k) == 0.0) continue;
+      result.relative_gradient = std::max(result.relative_gradient, g.row(k).norm() / degrees(k));
+    }
+    metric.update(frame);
+    result.converged = result.relative_gradient <= options.tolerance;
+    if (result.converged || result.iterations == max_iterations || !keep_going()) break;
+    const double forcing = std::min(0.1, std::sqrt(result.relative_gradient));
+    const NodeVectors& w = newton_direction(
+        g, forcing, max_cg_steps,
+        [&](const NodeVectors& p, NodeVectors& Hp) {
+          metric.scatter(frame, p, of_nodes);
+          apply_hessian(residuals, of_nodes, H_w);
+          metric.gather(frame, H_w, Hp);
+        },
+        [&](const NodeVectors& r, NodeVectors& z) { metric.apply(r, z); });
+    const double slope = g.cwiseProduct(w).sum(), f = residuals.objective();
+    bool fell = false;
+    Rotations next_Q(Q), next_C(C);
+    double t = 1.0;
+    for (int k = 0; k < max_halvings && !fell; ++k, t *= 0.5) {
+      for (Index v = 0; v < V; ++v) next_Q[v] = exp_so3(t * w.row(v).transpose()) * Q[v];
+      for (Index s = 0; s < S; ++s) next_C[s] = exp_so3(t * w.row(V + s).transpose()) * C[s];
+      residuals.update(to_quaternions(problem.nodes_from(next_Q, next_C)));
+      fell = residuals.objective() <= f + sufficient * t * slope + residuals.objective_rounding();
+    }
+    if (!fell) {
+      residuals.update(to_quaternions(problem.nodes_from(Q, C)));
+      break;
+    }
+    Q = std::move(next_Q);
+    C = std::move(next_C);
+    frame = problem.riding.nodes_from(Q);
+  }
+  for (Matrix3& R : Q) R = nearest_rotation(R);
+  for (Matrix3& R : C) R = nearest_rotation(R);
+  result.variables = std::move(Q);
+  result.shared = std::move(C);
+  result.determined = metric.determined();
+  result.objective = residuals.objective();
+  return result;
+}
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -1,0 +1,173 @@
+"""Which images the sensors of rigs took together: COLMAP's rig_config.json, or a table.
+
+The JSON is what `colmap rig_configurator` reads: a list of rigs, each with `cameras`, of which one
+has `"ref_sensor": true`. Images whose names begin with the camera's `image_prefix` are its own, and
+those with the same rest of the name are a frame; `cam_from_rig_rotation` (w x y z) is where it is
+known. The table is CSV with a header: node, frame, sensor and, where it is known,
+qw, qx, qy, qz of rig_from_sensor; one line of a sensor that has it is enough.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg.base.errors import FormatError
+from rotavg.graph.conventions import convert_family, matrices_from_quaternions
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.io.colmap_database import COLMAP_DATABASE, ColmapImages, read_rigs_of
+from rotavg.io.registry import read_bytes
+from rotavg.io.rounding import is_unit
+from rotavg.priors.priors import Rigs
+
+_QUATERNION = ("qw", "qx", "qy", "qz")
+
+
+def read_rigs(path: str | os.PathLike[str], graph: MeasurementGraph) -> Rigs:
+    """Read rigs of the nodes of a graph.
+
+    Args:
+        path: COLMAP's rig_config.json, a COLMAP database (version 3.12 or later), or a CSV file of
+            node, frame, sensor[, qw, qx, qy, qz].
+        graph: the measurements; what the file says of other nodes is left out.
+
+    Raises:
+        FileAccessError: the file cannot be read.
+        FormatError: it holds something else; the message names the line, or the rig and camera.
+    """
+    path = Path(path)
+    data = read_bytes((COLMAP_DATABASE,), path)
+    if COLMAP_DATABASE.recognises(data):
+        found = read_rigs_of(path)
+        if found is None:
+            raise FormatError("the database has no rig of several cameras", path=path)
+        return restricted(found, graph)
+    text = data.decode("utf-8-sig", errors="replace")
+    if text.lstrip()[:1] in ("[", "{"):
+        return _from_config(path, text, graph)
+    return _from_table(path, text, graph)
+
+
+def rigs_of(graph: MeasurementGraph) -> Rigs | None:
+    """The rigs that a graph brought along from a COLMAP database, of the nodes that it has.
+
+    None where no edge would be left between two frames, or there are no rigs.
+    """
+    if not isinstance(graph.source, ColmapImages) or graph.source.rigs is None:
+        return None
+    rigs = restricted(graph.source.rigs, graph)
+    frame = [rigs.images.get(node, (None, node))[0] for node in graph.nodes.tolist()]
+    own = [(k,) if f is None else f for k, f in enumerate(frame)]
+    between = any(own[i] != own[j] for i, j in graph.indices.tolist())
+    return rigs if rigs.images and between else None
+
+
+def restricted(rigs: Rigs, graph: MeasurementGraph) -> Rigs:
+    """The same for the nodes that a graph has."""
+    known = set(graph.nodes.tolist())
+    return Rigs({k: v for k, v in rigs.images.items() if k in known}, rigs.rotations)
+
+
+def _from_config(path: Path, text: str, graph: MeasurementGraph) -> Rigs:
+    try:
+        configuration = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise FormatError(f"no JSON: {error.msg}", path=path, line=error.lineno) from None
+    if graph.nodes.dtype.kind != "U":
+        found = "nodes of the graph are numbers"
+        raise FormatError(f"{found}, expected names of images, as prefixes are for", path=path)
+    if not isinstance(configuration, list) or not configuration:
+        raise FormatError("found no list of rigs, expected COLMAP's rig_config.json", path=path)
+    images: dict[Any, tuple[Any, Any]] = {}
+    rotations: dict[Any, NDArray[np.float64]] = {}
+    for k, rig in enumerate(configuration, 1):
+        cameras = rig.get("cameras") if isinstance(rig, dict) else None
+        if not isinstance(cameras, list) or not cameras:
+            raise FormatError(f"rig {k} has no list of cameras", path=path)
+        references = 0
+        for number, camera in enumerate(cameras, 1):
+            where = f"rig {k}, camera {number}"
+            prefix = camera.get("image_prefix") if isinstance(camera, dict) else None
+            if not isinstance(prefix, str):
+                raise FormatError(f"{where}: found no image_prefix", path=path)
+            if prefix in rotations or any(s == prefix for _, s in images.values()):
+                raise FormatError(f"{where}: the prefix {prefix!r} stands twice", path=path)
+            if camera.get("ref_sensor"):
+                references += 1
+                rotations[prefix] = np.eye(3)
+            elif camera.get("cam_from_rig_rotation") is not None:
+                R = _rotation(path, where, camera["cam_from_rig_rotation"])
+                rotations[prefix] = convert_family(R, "vision")
+            for name in graph.nodes.tolist():
+                if name.startswith(prefix):
+                    if name in images:
+                        found = f"{where}: the image {name!r} is of another camera already"
+                        raise FormatError(found, path=path)
+                    images[name] = f"rig {k}: {name[len(prefix) :]}", prefix
+        if references != 1:
+            found = f"rig {k} has {references} reference sensors"
+            raise FormatError(f"{found}, expected one with ref_sensor", path=path)
+    if not images:
+        raise FormatError("no image of the graph begins with any of the prefixes", path=path)
+    return Rigs(images, rotations)
+
+
+def _from_table(path: Path, text: str, graph: MeasurementGraph) -> Rigs:
+    lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
+    lines = [(k, line) for k, line in lines if not line.lstrip().startswith("#")]
+    rows = [(k, [f.strip() for f in next(csv.reader([line]))]) for k, line in lines]
+    header = [field.lower() for field in rows[0][1]] if rows else []
+    if header[:3] != ["node", "frame", "sensor"]:
+        found = "found no header node,frame,sensor"
+        raise FormatError(f"{found}, nor COLMAP's rig_config.json", path=path, line=1)
+    column = {name: k for k, name in enumerate(header)}
+    has_rotations = all(name in column for name in _QUATERNION)
+    named = graph.nodes.dtype.kind == "U"
+    known = set(graph.nodes.tolist())
+    images: dict[Any, tuple[Any, Any]] = {}
+    rotations: dict[Any, NDArray[np.float64]] = {}
+    for line, fields in rows[1:]:
+        if len(fields) != len(header):
+            found = f"found {len(fields)} fields, expected {len(header)}"
+            raise FormatError(found, path=path, line=line)
+        try:
+            node: Any = fields[0] if named else int(fields[0])
+        except ValueError:
+            found = f"found the node {fields[0]!r}, expected an integer"
+            raise FormatError(found, path=path, line=line) from None
+        quaternion = [fields[column[name]] for name in _QUATERNION] if has_rotations else [""] * 4
+        if any(quaternion):
+            R = _rotation(path, None, quaternion, line)
+            sensor = fields[2]
+            if sensor in rotations and not np.allclose(rotations[sensor], R, atol=1e-9):
+                found = f"the sensor {sensor!r} has another rotation before"
+                raise FormatError(found, path=path, line=line)
+            rotations[sensor] = R
+        if node in images:
+            raise FormatError(f"the node {node!r} stands twice", path=path, line=line)
+        if node in known:
+            images[node] = fields[1], fields[2]
+    if not images:
+        raise FormatError("none of the nodes in the file is in the graph", path=path)
+    return Rigs(images, rotations)
+
+
+def _rotation(
+    path: Path, where: str | None, wxyz: Any, line: int | None = None
+) -> NDArray[np.float64]:
+    prefix = "" if where is None else f"{where}: "
+    try:
+        values = np.array([float(value) for value in wxyz])
+    except (TypeError, ValueError):
+        values = np.array([math.nan])
+    if values.shape != (4,) or not is_unit(values):
+        found = f"{prefix}found the rotation {list(wxyz) if isinstance(wxyz, list) else wxyz!r}"
+        raise FormatError(f"{found}, expected a unit quaternion w x y z", path=path, line=line)
+    return matrices_from_quaternions(values[[1, 2, 3, 0]])
