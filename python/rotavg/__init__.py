@@ -26,6 +26,7 @@ from rotavg.base.errors import (
     UnknownNodeError,
 )
 from rotavg.graph.known_rotations import KnownRotations
+from rotavg.graph.means import karcher_mean
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import nearest_rotation
 from rotavg.graph.translations import RelativeTranslations
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from rotavg.io import read, read_rotations, write, write_covariances, write_edges
     from rotavg.priors.refined_gravity import refined_gravity
     from rotavg.simulation.simulate import Simulation, simulate
+    from rotavg.solving.pose_refinement import PoseSolution, refine_poses
     from rotavg.solving.positions import positions
 
 # What not every program needs is imported at its first use: reading alone is half of the modules.
@@ -58,6 +60,8 @@ _AT_FIRST_USE = {
     "refined_gravity": "rotavg.priors.refined_gravity",
     "Simulation": "rotavg.simulation.simulate",
     "simulate": "rotavg.simulation.simulate",
+    "PoseSolution": "rotavg.solving.pose_refinement",
+    "refine_poses": "rotavg.solving.pose_refinement",
     "positions": "rotavg.solving.positions",
 }
 
@@ -90,6 +94,7 @@ __all__ = [
     "MeasurementGraph",
     "MissingExtraError",
     "OptionError",
+    "PoseSolution",
     "PriorFit",
     "Priors",
     "Progress",
@@ -110,11 +115,13 @@ __all__ = [
     "cycle_evidence",
     "gradient",
     "hardness",
+    "karcher_mean",
     "nearest_rotation",
     "objective",
     "positions",
     "read",
     "read_rotations",
+    "refine_poses",
     "refined_gravity",
     "simulate",
     "solve",

@@ -171,7 +171,7 @@ def test_the_table_of_pose_graphs(
     chi2 = [float(cell.split(",")[0].strip("| ")) for cell in cells[2:]]
     given, ours, chordal, *ends = chi2
     assert ours < chordal < given
-    assert ends == pytest.approx([ends[0]] * 4, rel=1e-5)
+    assert ends == pytest.approx([ends[0]] * 5, rel=1e-5)
     assert ends[0] < ours
     assert (tmp_path / "pose_graphs.png").stat().st_size > 1000
 

@@ -187,7 +187,7 @@ def _translations(
     if not vectors.any():
         return None, ()
     if information is None:
-        return RelativeTranslations(vectors), ()
+        return RelativeTranslations(vectors, dimension=dialect.dimension), ()
     omega = dialect.translation_information(information)
     bad = first_not_positive_definite(omega)
     if bad is not None:
@@ -195,7 +195,9 @@ def _translations(
             "translations not used: the information about them is not positive definite "
             f"(edge {bad})",
         )
-    return RelativeTranslations(vectors, omega), ()
+    cross = dialect.cross_information(information)
+    shared = cross if cross.any() else None
+    return RelativeTranslations(vectors, omega, cross=shared, dimension=dialect.dimension), ()
 
 
 def _weights(path: Path, omega: NDArray[np.float64], lines: list[int]) -> NDArray[np.float64]:

@@ -43,6 +43,11 @@ def components_to_tell(solution: SolutionLike) -> list[int]:
     return [] if label is None or label.max() == 0 else label.tolist()
 
 
+def refined_positions(solution: SolutionLike) -> NDArray[Any] | None:
+    """(n, 3) of a solution that was refined together with its positions; None of another."""
+    return getattr(solution, "positions", None)
+
+
 Writable = Union[MeasurementGraph, SolutionLike]
 Content = Union[bytes, Mapping[Path, bytes]]  # of the file itself, or of several files
 

@@ -116,7 +116,7 @@ def ground(graph: MeasurementGraph, priors: Priors) -> Grounded | None:
         raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
     if not isinstance(priors, Priors):
         raise GraphError(f"priors are a {type(priors).__name__}, expected a rotavg.Priors")
-    for name in ("fixed", "absolute", "gravity", "rigs"):
+    for name in ("fixed", "absolute", "gravity", "rigs", "positions"):
         if not isinstance(getattr(priors, name), Mapping):
             raise GraphError(f"{name} priors are no mapping from nodes, expected a dict")
     if not (priors.fixed or priors.absolute or priors.gravity or priors.rigs):

@@ -18,6 +18,7 @@ from rotavg.solving import options
 from rotavg.solving.anisotropic import refined
 from rotavg.solving.certificate import Certificate, ComponentCertificate
 from rotavg.solving.edge_masks import edge_mask, edge_values
+from rotavg.solving.gauge import in_mean_gauge
 from rotavg.solving.robust import Loss, RobustFit
 from rotavg.solving.solution import Interrupted, Solution
 from rotavg.solving.status import Status, Timings, Trace
@@ -35,6 +36,7 @@ Init = Literal[
 ]
 Stop = Literal["gradient", "step"]
 Mu = Literal["adaptive", "min_eigenvalue"]
+Gauge = Literal["first", "mean"]
 WeightKind = Literal["auto", "precision", "frequency"]
 Progress = _core.Progress
 Callback = Callable[[Progress], Union[bool, None]]
@@ -74,6 +76,7 @@ def solve(
     priors: Priors | None = None,
     robust_priors: bool = True,
     anisotropic: bool = False,
+    gauge: Gauge = "first",
 ) -> Solution:
     """Find the rotations that minimise sum of w |R_i R_ij - R_j|_F^2, and certify them.
 
@@ -151,6 +154,9 @@ def solve(
         anisotropic: whether to go on from there to a local minimum of sum of r^T C^-1 r, with C the
             covariances of the graph and r = log(R_ij^T R_i^T R_j), by the method of Gauss and
             Newton. That answer has no certificate; `Solution.isotropic` is where it started.
+        gauge: how components are turned that no prior holds. "first": their first node has the
+            identity. "mean": the Karcher mean of their rotations (`karcher_mean`) is that of the
+            rotations given as `init`, which is so preserved; without them, the identity.
 
     Returns:
         A Solution. That an iteration or time limit was hit is told by its `status`, not raised.
@@ -204,6 +210,8 @@ def solve(
         **_known_edges(graph, loss, trusted, excluded, edge_scales, initial_weights),
     }
 
+    if gauge not in ("first", "mean"):
+        raise OptionError(f"gauge is {gauge!r}; expected 'first' or 'mean'")
     grounded = None if priors is None else ground(graph, priors)
     if anisotropic and grounded is not None:
         raise OptionError("anisotropic is not possible with priors")
@@ -240,9 +248,13 @@ def solve(
         robust=robust,
         grounded=grounded,
     )
+    if anisotropic and not core["interrupted"]:
+        solution = refined(solution, settings)
+    if gauge == "mean":
+        solution = in_mean_gauge(solution, start)
     if core["interrupted"]:
         raise Interrupted(solution)
-    return refined(solution, settings) if anisotropic else solution
+    return solution
 
 
 def _known_edges(
