@@ -90,6 +90,7 @@ class Format:
         any_convention: whether users may say that a file is in the other family.
         has_graphs, has_solutions: what can be written.
         has_weights: whether a graph's weights can be written.
+        has_ids: whether the ids of a graph's nodes can be written.
         has_isolated: whether a graph's nodes without an edge can be written.
         has_components: whether a solution's file tells which node is in which component.
         has_translations: whether a graph's translations can be written.
@@ -110,6 +111,7 @@ class Format:
     has_graphs: bool = True
     has_solutions: bool = True
     has_weights: bool = True
+    has_ids: Callable[[MeasurementGraph], bool] = lambda graph: True
     has_isolated: bool = True
     has_components: bool = False
     has_translations: bool = False
