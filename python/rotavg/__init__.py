@@ -40,6 +40,7 @@ from rotavg.solving.status import Status, Timings, Trace
 if TYPE_CHECKING:
     from rotavg.evaluation.compare import Comparison, compare
     from rotavg.evaluation.hardness import Hardness, hardness
+    from rotavg.evaluation.readings import SuggestedReading, suggest_reading
     from rotavg.io import read, read_rotations, write, write_covariances, write_edges
     from rotavg.priors.refined_gravity import refined_gravity
     from rotavg.simulation.simulate import Simulation, simulate
@@ -52,6 +53,8 @@ _AT_FIRST_USE = {
     "compare": "rotavg.evaluation.compare",
     "Hardness": "rotavg.evaluation.hardness",
     "hardness": "rotavg.evaluation.hardness",
+    "SuggestedReading": "rotavg.evaluation.readings",
+    "suggest_reading": "rotavg.evaluation.readings",
     "read": "rotavg.io",
     "read_rotations": "rotavg.io",
     "write": "rotavg.io",
@@ -105,6 +108,7 @@ __all__ = [
     "Solution",
     "SolverError",
     "Status",
+    "SuggestedReading",
     "Timings",
     "Trace",
     "UnknownNodeError",
@@ -125,6 +129,7 @@ __all__ = [
     "refined_gravity",
     "simulate",
     "solve",
+    "suggest_reading",
     "write",
     "write_covariances",
     "write_edges",

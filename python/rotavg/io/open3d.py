@@ -87,7 +87,8 @@ def read_open3d_rotations(path: Path, data: bytes) -> AbsoluteRotations:
 def write_open3d(path: Path, item: Writable) -> bytes:
     """The content of a pose graph; without a solution its nodes are at the identity.
 
-    Nodes keep their ids if these are 0 to n - 1; otherwise they are counted in their order. Edges between nodes that do not follow each other are uncertain, which is Open3D's own rule.
+    Nodes keep their ids if these are 0 to n - 1; otherwise they are counted in their order. Edges
+    between nodes that do not follow each other are uncertain, which is Open3D's own rule.
     """
     graph = item if isinstance(item, MeasurementGraph) else item.graph
     n = graph.num_nodes
@@ -118,9 +119,7 @@ def write_open3d(path: Path, item: Writable) -> bytes:
             "transformation": _columns(pose),
             "information": _columns(omega),
         }
-        for (i, j), pose, omega in zip(
-            number[graph.indices].tolist(), relative, _information(graph)
-        )
+        for (i, j), pose, omega in zip(ends, relative, _information(graph))
     ]
     return json.dumps({**_header("PoseGraph"), "nodes": nodes, "edges": edges}).encode()
 
