@@ -83,8 +83,8 @@ def first_not_positive_definite(matrices: NDArray[np.float64]) -> int | None:
     a, b, c = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 0, 2]
     d, e, f = matrices[:, 1, 1], matrices[:, 1, 2], matrices[:, 2, 2]
     scale = np.abs(matrices).max(axis=(1, 2), initial=0.0)
-    asymmetry = np.abs(matrices - np.swapaxes(matrices, 1, 2)).max(axis=(1, 2), initial=0.0)
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # there may be infinities among them
+        asymmetry = np.abs(matrices - np.swapaxes(matrices, 1, 2)).max(axis=(1, 2), initial=0.0)
         a, b, c, d, e, f = (entry / scale for entry in (a, b, c, d, e, f))
         minor = a * d - b * b
         det = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)

@@ -196,7 +196,7 @@ def _translations(
             f"(edge {bad})",
         )
     cross = dialect.cross_information(information)
-    shared = cross if cross.any() else None
+    shared = cross if cross.any() and np.isfinite(cross).all() else None  # with unit weights
     return RelativeTranslations(vectors, omega, cross=shared, dimension=dialect.dimension), ()
 
 
