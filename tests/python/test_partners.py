@@ -201,6 +201,20 @@ def test_without_information_there_is_no_edge() -> None:
     assert graph.edges.tolist() == [[1, 2]]
     assert graph.nodes.tolist() == [1, 2, 3]
     assert any("weight 0" in note for note in graph.notes)
+    pose, unit = gtsam.Pose3(gtsam.Rot3(), [1, 2, 3]), gtsam.noiseModel.Unit.Create(6)
+    nothing = gtsam.noiseModel.Isotropic.Precision(6, 0.0)
+    half = gtsam.noiseModel.Gaussian.Information(np.diag([1.0, 1, 1, 0, 0, 0]))
+    given = [
+        gtsam.BetweenFactorPose3(0, 1, pose, unit),
+        gtsam.BetweenFactorPose3(1, 2, pose, nothing),
+    ]
+    graph = from_gtsam(given)
+    assert (graph.num_edges, len(graph.translations)) == (1, 1)
+    graph = from_gtsam([*given, gtsam.BetweenFactorPose3(0, 2, pose, half)])
+    assert graph.translations is None
+    assert graph.notes[0] == (
+        "translations not used: between factor 2 has no definite information about them"
+    )
 
 
 def test_the_plane_there_and_back() -> None:

@@ -19,7 +19,7 @@ from rotavg.base.errors import GraphError, require
 from rotavg.graph.conventions import angles_about_z, matrices_from_angles_about_z
 from rotavg.graph.covariances import first_bad_covariance, information
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.graph.translations import RelativeTranslations
+from rotavg.graph.translations import RelativeTranslations, first_not_positive_definite
 from rotavg.priors.priors import Priors
 from rotavg.solving.known_poses import known_poses
 from rotavg.solving.pose_refinement import PoseSolution
@@ -202,12 +202,19 @@ def _graph(kind: str, measured: list[_Measured], notes: tuple[str, ...]) -> Meas
         cross = np.zeros((len(measured), 3, 3))
         size = move.stop - move.start
         cross[:, :size, 3 - (turn.stop - turn.start) :] = omega[:, move, turn]
-        translations = RelativeTranslations(
-            [m.vector for m in measured],
-            [_in_space(m.omega[move, move]) for m in measured],
-            cross=cross if cross.any() else None,
-            dimension=size,
-        )
+        moved = np.array([_in_space(m.omega[move, move]) for m in measured])
+        moved[weights == 0] = np.eye(3)  # of no edge
+        bad = first_not_positive_definite(moved)
+        if bad is None:
+            translations = RelativeTranslations(
+                [m.vector for m in measured],
+                moved,
+                cross=cross if cross.any() else None,
+                dimension=size,
+            )
+        else:
+            why = "has no definite information about them"
+            notes += (f"translations not used: {measured[bad].what} {why}",)
     return MeasurementGraph(
         [m.keys for m in measured],
         [m.rotation for m in measured],
