@@ -26,6 +26,7 @@ from rotavg.base.errors import (
     UnknownNodeError,
 )
 from rotavg.graph.known_rotations import KnownRotations
+from rotavg.graph.means import karcher_mean
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import nearest_rotation
 from rotavg.graph.translations import RelativeTranslations
@@ -41,6 +42,7 @@ from rotavg.solving.status import Status, Timings, Trace
 if TYPE_CHECKING:
     from rotavg.evaluation.compare import Comparison, compare
     from rotavg.evaluation.hardness import Hardness, hardness
+    from rotavg.evaluation.readings import SuggestedReading, suggest_reading
     from rotavg.io import (
         read,
         read_rigs,
@@ -52,6 +54,7 @@ if TYPE_CHECKING:
     )
     from rotavg.priors.refined_gravity import refined_gravity
     from rotavg.simulation.simulate import Simulation, simulate
+    from rotavg.solving.pose_refinement import PoseSolution, refine_poses
     from rotavg.solving.positions import positions
 
 # What not every program needs is imported at its first use: reading alone is half of the modules.
@@ -60,6 +63,8 @@ _AT_FIRST_USE = {
     "compare": "rotavg.evaluation.compare",
     "Hardness": "rotavg.evaluation.hardness",
     "hardness": "rotavg.evaluation.hardness",
+    "SuggestedReading": "rotavg.evaluation.readings",
+    "suggest_reading": "rotavg.evaluation.readings",
     "read": "rotavg.io",
     "read_rigs": "rotavg.io",
     "read_rotations": "rotavg.io",
@@ -70,6 +75,8 @@ _AT_FIRST_USE = {
     "refined_gravity": "rotavg.priors.refined_gravity",
     "Simulation": "rotavg.simulation.simulate",
     "simulate": "rotavg.simulation.simulate",
+    "PoseSolution": "rotavg.solving.pose_refinement",
+    "refine_poses": "rotavg.solving.pose_refinement",
     "positions": "rotavg.solving.positions",
 }
 
@@ -103,6 +110,7 @@ __all__ = [
     "MeasurementGraph",
     "MissingExtraError",
     "OptionError",
+    "PoseSolution",
     "PriorFit",
     "Priors",
     "Progress",
@@ -116,6 +124,7 @@ __all__ = [
     "Solution",
     "SolverError",
     "Status",
+    "SuggestedReading",
     "Timings",
     "Trace",
     "UnknownNodeError",
@@ -127,15 +136,18 @@ __all__ = [
     "diagnose",
     "gradient",
     "hardness",
+    "karcher_mean",
     "nearest_rotation",
     "objective",
     "positions",
     "read",
     "read_rigs",
     "read_rotations",
+    "refine_poses",
     "refined_gravity",
     "simulate",
     "solve",
+    "suggest_reading",
     "write",
     "write_covariances",
     "write_diagnostics",

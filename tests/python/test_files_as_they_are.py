@@ -463,3 +463,16 @@ def test_outputs_tell_components_apart(tmp_path: Path) -> None:
     told = run("solve", tmp_path / "g.txt", "-o", tmp_path / "s_glomap_rotations.txt")
     assert "2 components, each with a gauge of its own, and glomap does not tell them apart" in told
     assert "apart" not in run("solve", tmp_path / "g.txt", "-o", tmp_path / "s.csv")
+
+
+@pytest.mark.parametrize("place", range(21))
+@pytest.mark.parametrize("word", ["inf", "nan", "1e999"])
+def test_with_unit_weights_no_information_is_read(tmp_path: Path, place: int, word: str) -> None:
+    values = UNIT.split()
+    values[place] = word
+    path = put(tmp_path, "in.g2o", f"EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 {' '.join(values)}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert read(path, unit_weights=True).num_edges == 1
+    with pytest.raises(FormatError, match="expected a finite number"):
+        read(path)

@@ -21,7 +21,7 @@ from rotavg.io import FORMATS, read, read_gravity, read_rotations, write, write_
 from shared_data import shared_data
 
 NAMED = {"text", "csv", "npz", "glomap", "1dsfm"}
-NUMBERED = {"text", "csv", "npz", "glomap", "1dsfm", "g2o", "toro", "irotavg"}
+NUMBERED = {"text", "csv", "npz", "glomap", "1dsfm", "g2o", "toro", "irotavg", "open3d"}
 WEIGHTLESS = {"1dsfm", "irotavg"}
 
 

@@ -22,9 +22,9 @@ ROTATIONS = {form.name for form in FORMATS if form.rotations}
 NAMES = {
     "text": "s.txt", "csv": "s.csv", "npz": "s.npz", "g2o": "s.g2o", "toro": "s.graph",
     "glomap": "s_glomap_rotations.txt", "colmap_images": "images.txt", "tum": "s.tum",
-    "irotavg": "s.irotavg",
+    "irotavg": "s.irotavg", "open3d": "s.json",
 }  # fmt: skip
-UNMISTAKABLE = {"text", "csv", "npz", "g2o", "toro", "colmap_images", "tum"}
+UNMISTAKABLE = {"text", "csv", "npz", "g2o", "toro", "colmap_images", "tum", "open3d"}
 HEADED = "# id qx qy qz qw\n"
 
 
@@ -60,7 +60,7 @@ def test_there_and_back(tmp_path: Path, name: str, answer: rotavg.Solution) -> N
             read_rotations(tmp_path / "anything")
 
 
-@pytest.mark.parametrize("name", sorted(ROTATIONS - {"g2o", "toro", "tum", "irotavg"}))
+@pytest.mark.parametrize("name", sorted(ROTATIONS - {"g2o", "toro", "tum", "irotavg", "open3d"}))
 def test_names_there_and_back(tmp_path: Path, name: str, answer: rotavg.Solution) -> None:
     answer = named(answer)
     write(tmp_path / NAMES[name], answer)
@@ -190,7 +190,7 @@ def test_the_family_is_asked_for_where_the_format_leaves_it_open(
             R = read_rotations(path, convention="vision")[1]
             np.testing.assert_allclose(R, np.swapaxes(answer.rotations, 1, 2), atol=1e-14)
         else:
-            pose = name in ("g2o", "toro", "tum")
+            pose = name in ("g2o", "toro", "tum", "open3d")
             with pytest.raises(FormatError, match=f"{name} is in the .* family by definition"):
                 read_rotations(path, convention="vision" if pose else "pose")
             read_rotations(path, convention="pose" if pose else "vision")

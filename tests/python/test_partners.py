@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import rotavg
 from rotavg.base.errors import GraphError, MissingExtraError
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.partners.gtsam import from_gtsam, to_gtsam
+from rotavg.partners.gtsam import from_gtsam, priors_from_gtsam, to_gtsam
 from shared_data import shared_data
 from test_positions import pose_graph
 
@@ -49,7 +51,7 @@ def test_gtsam_poses_there_and_back(isotropic: bool) -> None:
     assert factors.error(truth) < 1e-18
     factors.add(gtsam.PriorFactorPose3(0, gtsam.Pose3(), gtsam.noiseModel.Unit.Create(6)))
     again = from_gtsam(factors)
-    assert again.notes == ("1 factors that are no between factors skipped",)
+    assert again.notes == ("1 prior factor not in it: see priors_from_gtsam",)
     np.testing.assert_allclose(again.translations.vectors, graph.translations.vectors)
     np.testing.assert_allclose(
         again.translations.information, graph.translations.information, rtol=1e-9, atol=1e-12
@@ -135,13 +137,22 @@ def test_bad_gtsam_input(monkeypatch: pytest.MonkeyPatch) -> None:
         to_gtsam(MeasurementGraph([["a", "b"]], [np.eye(3)]))
     with pytest.raises(GraphError, match="found the node -1, expected integers >= 0"):
         to_gtsam(MeasurementGraph([[-1, 2]], [np.eye(3)]))
-    with pytest.raises(GraphError, match="0 BetweenFactorPose3 and 0 BetweenFactorRot3"):
+    with pytest.raises(GraphError, match="0 BetweenFactorRot3, 0 BetweenFactorPose3, 0"):
         from_gtsam(gtsam.NonlinearFactorGraph())
     factors = gtsam.NonlinearFactorGraph()
     fixed = gtsam.noiseModel.Constrained.All(3)
     factors.add(gtsam.BetweenFactorRot3(0, 1, gtsam.Rot3(), fixed))
     with pytest.raises(GraphError, match="between factor 0 has a noise model without finite"):
         from_gtsam(factors)
+    flat = gtsam.noiseModel.Gaussian.Information(np.diag([1.0, 1, 0]))
+    with pytest.raises(GraphError, match="measurement 1 has information about some rotations"):
+        from_gtsam([measurement(1, 2, I3, 1.0), measurement(2, 3, I3, flat)])
+    with pytest.raises(GraphError, match="found a str, expected a NonlinearFactorGraph or a list"):
+        from_gtsam("factors")
+    noise = gtsam.noiseModel.Unit.Create(3)
+    both = [gtsam.PriorFactorRot3(1, gtsam.Rot3(), noise)] * 2
+    with pytest.raises(GraphError, match="factor 1 is a second prior of node 1"):
+        priors_from_gtsam(both)
     monkeypatch.setitem(sys.modules, "gtsam", None)
     with pytest.raises(MissingExtraError, match=r'pip install "rotavg\[gtsam\]"'):
         to_gtsam(turns())
@@ -155,6 +166,131 @@ def test_robust_noise_counts_as_the_gaussian_inside_it() -> None:
     factors = gtsam.NonlinearFactorGraph()
     factors.add(gtsam.BetweenFactorRot3(0, 1, gtsam.Rot3(), noise))
     assert from_gtsam(factors).weights == pytest.approx([50])
+
+
+I3 = np.eye(3)
+
+
+def measurement(i: int, j: int, R: NDArray[np.float64], precision: Any) -> Any:
+    """What GTSFM hands over: i_from_j."""
+    import gtsam
+
+    if isinstance(precision, float):
+        precision = gtsam.noiseModel.Isotropic.Precision(3, precision)
+    return gtsam.BinaryMeasurementRot3(i, j, gtsam.Rot3(R), precision)
+
+
+@pytest.mark.parametrize("kind", [list, tuple])
+def test_lists_of_measurements(kind: Any) -> None:
+    pytest.importorskip("gtsam", reason=WITHOUT)
+    graph = turns()
+    given = [
+        measurement(i, j, R, 2 * float(w))
+        for (i, j), R, w in zip(graph.edges.tolist(), graph.rotations, graph.weights)
+    ]
+    again = from_gtsam(kind(given))
+    np.testing.assert_array_equal(again.edges, graph.edges)
+    np.testing.assert_allclose(again.rotations, graph.rotations, atol=1e-15)
+    np.testing.assert_allclose(again.weights, graph.weights, rtol=1e-12)
+
+
+def test_without_information_there_is_no_edge() -> None:
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    nothing = gtsam.noiseModel.Gaussian.Information(np.zeros((3, 3)))
+    graph = from_gtsam([measurement(1, 2, I3, 1.0), measurement(2, 3, I3, nothing)])
+    assert graph.edges.tolist() == [[1, 2]]
+    assert graph.nodes.tolist() == [1, 2, 3]
+    assert any("weight 0" in note for note in graph.notes)
+    pose, unit = gtsam.Pose3(gtsam.Rot3(), [1, 2, 3]), gtsam.noiseModel.Unit.Create(6)
+    nothing = gtsam.noiseModel.Isotropic.Precision(6, 0.0)
+    half = gtsam.noiseModel.Gaussian.Information(np.diag([1.0, 1, 1, 0, 0, 0]))
+    given = [
+        gtsam.BetweenFactorPose3(0, 1, pose, unit),
+        gtsam.BetweenFactorPose3(1, 2, pose, nothing),
+    ]
+    graph = from_gtsam(given)
+    assert (graph.num_edges, len(graph.translations)) == (1, 1)
+    graph = from_gtsam([*given, gtsam.BetweenFactorPose3(0, 2, pose, half)])
+    assert graph.translations is None
+    assert graph.notes[0] == (
+        "translations not used: between factor 2 has no definite information about them"
+    )
+
+
+def test_the_plane_there_and_back() -> None:
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    rng = np.random.default_rng(0)
+    truth = [gtsam.Pose2(*rng.normal(size=3)) for _ in range(6)]
+    poses, turns = gtsam.NonlinearFactorGraph(), gtsam.NonlinearFactorGraph()
+    for i, j in [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (5, 0), (1, 4)]:
+        A = rng.normal(size=(3, 3))
+        noise = gtsam.noiseModel.Gaussian.Information(A @ A.T + I3)
+        step = truth[i].between(truth[j]).compose(gtsam.Pose2(*(0.1 * rng.normal(size=3))))
+        poses.add(gtsam.BetweenFactorPose2(i, j, step, noise))
+        precise = gtsam.noiseModel.Isotropic.Precision(1, 8.0)
+        turns.add(gtsam.BetweenFactorRot2(i, j, step.rotation(), precise))
+    graph = from_gtsam(turns)
+    assert graph.translations is None
+    np.testing.assert_allclose(graph.weights, 4.0)
+    np.testing.assert_allclose(graph.rotations[:, 2, 2], 1)
+    graph = from_gtsam(poses)
+    solution = rotavg.solve(graph)
+    assert to_gtsam(graph).error(to_gtsam(solution)) == pytest.approx(
+        poses.error(to_gtsam(solution)), rel=1e-12
+    )
+    refined = rotavg.refine_poses(solution)
+    values = to_gtsam(refined)
+    assert 2 * poses.error(values) == pytest.approx(refined.chi2, rel=1e-10)
+    poses.add(gtsam.PriorFactorPose2(0, values.atPose2(0), gtsam.noiseModel.Unit.Create(3)))
+    end = gtsam.LevenbergMarquardtOptimizer(poses, values).optimize()
+    assert 2 * poses.error(end) == pytest.approx(refined.chi2, rel=1e-9)
+
+
+def test_all_the_information_goes_there_and_back() -> None:
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    rng = np.random.default_rng(1)
+    factors = gtsam.NonlinearFactorGraph()
+    for i, j in [(0, 1), (1, 2), (2, 0)]:
+        A = rng.normal(size=(6, 6))
+        pose = gtsam.Pose3.Expmap(rng.normal(size=6))
+        noise = gtsam.noiseModel.Gaussian.Information(A @ A.T + np.eye(6))
+        factors.add(gtsam.BetweenFactorPose3(i, j, pose, noise))
+    solution = rotavg.solve(from_gtsam(factors))
+    again, values = to_gtsam(solution.graph), to_gtsam(solution)
+    assert again.error(values) == pytest.approx(factors.error(values), rel=1e-12)
+    assert 2 * factors.error(to_gtsam(rotavg.refine_poses(solution))) == pytest.approx(
+        rotavg.refine_poses(solution).chi2, rel=1e-12
+    )
+
+
+def test_prior_factors_give_the_world() -> None:
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    graph, R, p = pose_graph(12, seed=6)
+    factors = to_gtsam(graph)
+    for node in (2, 5, 7):
+        A = np.random.default_rng(node).normal(size=(6, 6))
+        noise = gtsam.noiseModel.Gaussian.Information(A @ A.T + np.eye(6))
+        pose = gtsam.Pose3(gtsam.Rot3(R[node]), p[node])
+        factors.add(gtsam.PriorFactorPose3(node, pose, noise))
+    graph, priors = from_gtsam(factors), priors_from_gtsam(factors)
+    assert graph.notes == ("3 prior factors not in it: see priors_from_gtsam",)
+    assert sorted(priors.absolute) == sorted(priors.positions) == [2, 5, 7]
+    solution = rotavg.solve(graph, priors=priors)
+    np.testing.assert_allclose(solution.rotations, R, atol=1e-9)
+    for item in (solution, rotavg.refine_poses(solution)):
+        assert factors.error(to_gtsam(item)) < 1e-12
+    one = [gtsam.PriorFactorRot3(4, gtsam.Rot3(R[4]), gtsam.noiseModel.Constrained.All(3))]
+    np.testing.assert_array_equal(priors_from_gtsam(one).fixed[4], R[4])
+    held = gtsam.PriorFactorPose3(
+        4, gtsam.Pose3(gtsam.Rot3(R[4]), p[4]), gtsam.noiseModel.Constrained.All(6)
+    )
+    priors = priors_from_gtsam([held])
+    found = rotavg.refine_poses(rotavg.solve(graph, priors=priors))
+    np.testing.assert_allclose(found.positions, p, atol=1e-9)
+    np.testing.assert_array_equal(found[4], R[4])
+    angle = [gtsam.PriorFactorRot2(4, gtsam.Rot2(0.5), gtsam.noiseModel.Isotropic.Sigma(1, 0.5))]
+    turn, weight = priors_from_gtsam(angle).absolute[4]
+    assert (np.arctan2(turn[1, 0], turn[0, 0]), weight) == pytest.approx((0.5, 2.0))
 
 
 def test_the_table_of_pose_graphs(
@@ -171,7 +307,7 @@ def test_the_table_of_pose_graphs(
     chi2 = [float(cell.split(",")[0].strip("| ")) for cell in cells[2:]]
     given, ours, chordal, *ends = chi2
     assert ours < chordal < given
-    assert ends == pytest.approx([ends[0]] * 4, rel=1e-5)
+    assert ends == pytest.approx([ends[0]] * 5, rel=1e-5)
     assert ends[0] < ours
     assert (tmp_path / "pose_graphs.png").stat().st_size > 1000
 

@@ -140,3 +140,47 @@ def test_integers_in_a_list_of_nodes(tmp_path: Path) -> None:
     path.write_text("".join(f"{k} {k + 1} 0 0 0 1\n" for k in range(6)))
     part.write_text("\ufeff3\r\n4\r\n5\r\n")
     assert json.loads(run("info", path, "--nodes", part, "--json"))["nodes"] == 3
+
+
+def test_the_front_door_from_python(tmp_path: Path) -> None:
+    graph = measured("erdos_renyi", 0.03, 0.1, seed=1)
+    path = tmp_path / "graph.txt"
+    rotavg.write(path, graph)
+    assert rotavg.suggest_reading(path) is None
+    assert rotavg.suggest_reading(graph) is None
+    found = rotavg.suggest_reading(path, convention="vision")
+    assert found is not None
+    assert found.options == {"convention": "pose"}
+    assert found.noise < found.noise_as_read
+    assert str(found).endswith("deg) with convention='pose'")
+    wrong = rotavg.MeasurementGraph(graph.edges, np.swapaxes(graph.rotations, 1, 2))
+    found = rotavg.suggest_reading(wrong)
+    assert found is not None
+    assert found.options == {"convention": "vision"}
+    again = rotavg.MeasurementGraph(wrong.edges, wrong.rotations, **found.options)
+    np.testing.assert_allclose(again.rotations, graph.rotations)
+
+    q = quaternions_from_matrices(graph.rotations)[:, [3, 0, 1, 2]]
+    rows = [f"{i} {j} {' '.join(map(repr, row))}" for (i, j), row in zip(graph.edges, q.tolist())]
+    path.write_text("\n".join(rows) + "\n")
+    found = rotavg.suggest_reading(path)
+    assert found is not None
+    assert found.options == {"columns": "i,j,qw,qx,qy,qz"}
+    again = rotavg.read(path, **found.options)
+    np.testing.assert_allclose(again.rotations, graph.rotations, atol=1e-12)
+    assert rotavg.suggest_reading(path, **found.options) is None
+    both = rotavg.suggest_reading(path, convention="vision")
+    assert both is not None
+    assert both.options == {"columns": "i,j,qw,qx,qy,qz", "convention": "pose"}
+    found = rotavg.suggest_reading(rotavg.MeasurementGraph(graph.edges, w_first(graph.rotations)))
+    assert found is not None
+    assert found.options == {"order": "wxyz"}
+
+
+def test_formats_that_leave_nothing_open_get_no_suggestion(tmp_path: Path) -> None:
+    graph = measured("erdos_renyi", 0.03, 0.0, seed=2)
+    turned = rotavg.MeasurementGraph(graph.edges, np.swapaxes(graph.rotations, 1, 2))
+    rotavg.write(tmp_path / "g.g2o", turned)
+    assert rotavg.suggest_reading(tmp_path / "g.g2o") is None
+    rotavg.write(tmp_path / "g.json", turned)
+    assert rotavg.suggest_reading(tmp_path / "g.json") is None

@@ -10,11 +10,8 @@ import numpy as np
 
 import rotavg
 from rotavg.cli import options
-from rotavg.evaluation.readings import OtherReading, other_reading
 from rotavg.graph.ids import rows_of
-from rotavg.io.formats import input_of, words_of
 from rotavg.io.node_list import read_node_list
-from rotavg.io.table import w_first_columns
 
 _OPTIONS = (
     options.input_format,
@@ -106,29 +103,9 @@ def _of_nodes(graph: rotavg.MeasurementGraph, path: Path) -> rotavg.MeasurementG
 
 def _hint(path: Path, graph: rotavg.MeasurementGraph, reading: dict[str, Any]) -> tuple[str, ...]:
     """In what other way the file should be read, where its cycles say so and the format is open."""
-    if graph.source is not None:  # of a format that leaves nothing open
-        return ()
-    found = other_reading(graph)
+    told = {name: reading[name] for name in ("format", "convention", "columns")}
+    found = rotavg.suggest_reading(path, graph=graph, **told)
     if found is None:
         return ()
-    words = None if reading["columns"] is None else words_of(reading["columns"])
-    path, data, form = input_of(path, reading["format"], words)
-    if not form.any_convention:
-        return ()
-    columns = w_first_columns(data, words) if form.name in ("text", "csv") else None
-    if columns is None and found.w_first:
-        found = other_reading(graph, w_first=False)
-    return () if found is None else (_advice(found, columns, reading["convention"]),)
-
-
-def _advice(found: OtherReading, columns: str | None, convention: str | None) -> str:
-    ways = []
-    if found.w_first and columns is not None:
-        ways.append(f"--columns {columns}")
-    if found.other_family:
-        ways.append(f"--convention {'pose' if convention == 'vision' else 'vision'}")
-    before, after = np.degrees([found.noise_as_read, found.noise])
-    return (
-        f"the cycles do not close (about {before:.3g} deg an edge); they do far better "
-        f"({after:.2g} deg) with {' '.join(ways)}"
-    )
+    ways = [f"--{k} {value}" for k, value in found.options.items() if value != reading[k]]
+    return (f"{found.finding} with {' '.join(ways)}",)

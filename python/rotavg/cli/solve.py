@@ -26,7 +26,9 @@ from rotavg.cli.output import (
     print_notes,
     print_solution,
     print_solution_losses,
+    print_text,
 )
+from rotavg.cli.poses import check_refinable
 from rotavg.cli.priors import check_prior_options, prior_options, read_priors
 from rotavg.cli.progress import progress, working
 from rotavg.cli.reading import NAMES as READING
@@ -55,6 +57,7 @@ from rotavg.report import Run, check_report, write_report
         ),
         "Which part": ("nodes_path", "largest_component", "min_nodes"),
         "Method": ("method", "init", "seed", "mu", "accelerate", "max_rank"),
+        "The answer": ("gauge", "refine"),
         "Prior knowledge": ("fixed_path", "gravity_path", "gravity_weight", "rigs_path", "no_rigs"),
         "Uncertainty": ("covariances_path", "noise_variance"),
         "Anisotropic noise": ("anisotropic", "anisotropic_log"),
@@ -140,6 +143,15 @@ from rotavg.report import Run, check_report, write_report
     help="Write a CSV file: what every node, frame and sensor adds to the objective.",
 )
 @prior_options
+@choice(
+    "--gauge", ["first", "mean"], "first", "What is the identity: the first rotation or the mean."
+)
+@click.option(
+    "--refine-poses",
+    "refine",
+    is_flag=True,
+    help="Refine rotations and positions of a pose graph together, with the file's information.",
+)
 @click.option(
     "--covariances",
     "covariances_path",
@@ -209,6 +221,7 @@ def solve(
     gravity_weight: float | None,
     rigs_path: Path | None,
     no_rigs: bool,
+    refine: bool,
     distributed: bool,
     scheduler: str | None,
     parts: int | None,
@@ -266,6 +279,8 @@ def solve(
     read_seconds = time.perf_counter() - start
     if not as_json:
         print_notes(graph)
+    if refine:
+        check_refinable(input_path, graph)
     settings.update(read_known_edges(graph, trusted_path, trust_odometry, excluded_path))
     settings["priors"] = read_priors(
         graph, fixed_path, gravity_path, gravity_weight, rigs_path, no_rigs
@@ -280,13 +295,17 @@ def solve(
             )
         except rotavg.Interrupted as stop:  # while certifying: what has converged is kept
             solution, interrupted = stop.solution, True
+    poses = None
     try:
+        if refine and not interrupted:
+            with working("refining poses"):
+                poses = rotavg.refine_poses(solution)
         if covariances_path is not None and not interrupted:
             with working("computing covariances"):
                 rotavg.write_covariances(covariances_path, solution, noise_variance=noise_variance)
     finally:  # what was solved is written, whether it has covariances or not
         if output is not None:
-            rotavg.write(output, solution, format=output_format)
+            rotavg.write(output, solution if poses is None else poses, format=output_format)
         if edges_path is not None:
             rotavg.write_edges(edges_path, solution)
         if diagnostics_path is not None:
@@ -295,9 +314,11 @@ def solve(
             with working(f"writing {report}"):
                 write_report(report, solution, _run(input_path, read_seconds))
     if as_json:
-        print_json(summary(solution, read_seconds, time.perf_counter() - start))
+        print_json(summary(solution, read_seconds, time.perf_counter() - start, poses))
     else:
         print_solution(solution)
+        if poses is not None:
+            print_text(f"  {'poses':<11} {poses}")
         for path in (output, edges_path, diagnostics_path, covariances_path, report):
             if path is not None:
                 click.echo(f"wrote {path}", err=True)

@@ -110,13 +110,30 @@ def _diagnosis(solution: rotavg.Solution) -> dict[str, Any]:
     }
 
 
-def summary(solution: rotavg.Solution, read: float, total: float) -> dict[str, Any]:
+def _poses(poses: rotavg.PoseSolution | None) -> dict[str, Any] | None:
+    if poses is None:
+        return None
+    return {
+        "chi2": poses.chi2,
+        "chi2_start": poses.chi2_start,
+        "status": poses.status.name.lower(),
+        "iterations": poses.iterations,
+    }
+
+
+def summary(
+    solution: rotavg.Solution,
+    read: float,
+    total: float,
+    poses: rotavg.PoseSolution | None = None,
+) -> dict[str, Any]:
     """Everything that `print(solution)` tells, and more digits of it.
 
     Args:
         solution: what came out.
         read: seconds that reading took.
         total: seconds of everything.
+        poses: what it was refined to.
     """
     c = solution.certificate
     return {
@@ -153,6 +170,7 @@ def summary(solution: rotavg.Solution, read: float, total: float) -> dict[str, A
         "rigs": _rigs(solution),
         "diagnosis": _diagnosis(solution),
         "uncertainty": _uncertainty(solution),
+        "poses": _poses(poses),
         "notes": list(solution.graph.notes),
         "seconds": {
             "read": read,

@@ -89,7 +89,7 @@ def _median(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     for _ in range(50):
         weights = 1 / np.maximum(1e-3, np.linalg.norm(directions - median, axis=1))
         median = _unit(weights @ directions)
-    return median
+    return np.asarray(median)
 
 
 def _angles(directions: NDArray[np.float64], to: NDArray[np.float64]) -> NDArray[np.float64]:

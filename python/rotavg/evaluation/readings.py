@@ -6,14 +6,22 @@ then the measurements around cycles do not come back to the identity, and in the
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotavg import _core
-from rotavg.graph.conventions import matrices_from_quaternions, quaternions_from_matrices
+from rotavg.graph.conventions import (
+    Convention,
+    matrices_from_quaternions,
+    quaternions_from_matrices,
+)
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.io.formats import TABLES, input_of, read, words_of
+from rotavg.io.table import w_first_columns
 
 # Below it, radians, whatever is wrong is small; above it another reading must be so much better.
 _NOISE_WORTH_A_LOOK = np.radians(0.5)
@@ -40,6 +48,92 @@ class OtherReading:
     w_first: bool
     noise: float
     noise_as_read: float
+
+
+@dataclass(frozen=True)
+class SuggestedReading:
+    """In what other way a file, or arrays, should be read.
+
+    Attributes:
+        options: what to pass for it, and what was passed already: of a file to `rotavg.read`
+            (`convention`, `columns`), of a graph to `MeasurementGraph` (`convention`), or
+            `MeasurementGraph.from_quaternions` (`order`), in place of what was passed.
+        noise: rough noise angle of one edge in this reading, radians.
+        noise_as_read: the same as it was read.
+    """
+
+    options: dict[str, str]
+    noise: float
+    noise_as_read: float
+
+    def __str__(self) -> str:
+        ways = ", ".join(f"{name}={value!r}" for name, value in self.options.items())
+        return f"{self.finding} with {ways}"
+
+    @property
+    def finding(self) -> str:
+        """What the cycles say."""
+        before, after = np.degrees([self.noise_as_read, self.noise])
+        return (
+            f"the cycles do not close (about {before:.3g} deg an edge); they do far better "
+            f"({after:.2g} deg)"
+        )
+
+
+def suggest_reading(
+    source: str | os.PathLike[str] | MeasurementGraph,
+    *,
+    format: str | None = None,
+    convention: Convention | None = None,
+    columns: str | Sequence[str] | None = None,
+    graph: MeasurementGraph | None = None,
+) -> SuggestedReading | None:
+    """The way to read a file, or arrays, in which the cycles close, if that is another.
+
+    That is tried where the measurements around cycles miss the identity by more than half a degree
+    an edge: the other family of conventions, and w first in quaternions. One in which they miss it
+    by a quarter at most is suggested. Look at this before a robust loss.
+
+    Args:
+        source: a file, or a graph made of arrays.
+        format: how the file is read, as in `rotavg.read`.
+        convention: the same; of a graph, that of its arrays.
+        columns: the same.
+        graph: what `rotavg.read` made of the file so, if that is at hand.
+
+    Returns:
+        None where it is right as it is, where nothing is better, and where the format leaves
+        nothing open.
+
+    Raises what `rotavg.read` does.
+    """
+    if isinstance(source, MeasurementGraph):
+        found = other_reading(source)
+        return None if found is None else _suggestion(found, convention, "order", "wxyz")
+    if graph is None:
+        graph = read(source, format=format, convention=convention, columns=columns)
+    found = other_reading(graph)
+    if found is None or graph.source is not None:  # of a format that leaves nothing open
+        return None
+    words = None if columns is None else words_of(columns)
+    _, data, form = input_of(source, format, words)
+    if not form.any_convention:
+        return None
+    last = w_first_columns(data, words) if form in TABLES else None
+    if last is None and found.w_first:
+        found = other_reading(graph, w_first=False)
+    return None if found is None else _suggestion(found, convention, "columns", last)
+
+
+def _suggestion(
+    found: OtherReading, convention: str | None, name: str, w_first: str | None
+) -> SuggestedReading:
+    options = {name: w_first} if found.w_first and w_first is not None else {}
+    if found.other_family:
+        options["convention"] = "pose" if convention == "vision" else "vision"
+    elif convention is not None and options:
+        options["convention"] = convention
+    return SuggestedReading(options, found.noise, found.noise_as_read)
 
 
 def other_reading(graph: MeasurementGraph, *, w_first: bool = True) -> OtherReading | None:

@@ -20,7 +20,8 @@ def orthogonality_errors(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
         error = np.abs(gram - np.eye(3)).max(axis=(1, 2), initial=0.0)
     error[~np.isfinite(error)] = np.inf
     turned = np.isfinite(error)
-    error[turned] = np.where(np.linalg.det(matrices[turned]) < 0, np.inf, error[turned])
+    with np.errstate(all="ignore"):  # of denormal entries
+        error[turned] = np.where(np.linalg.det(matrices[turned]) < 0, np.inf, error[turned])
     return np.asarray(error)
 
 

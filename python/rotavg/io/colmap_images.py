@@ -23,7 +23,7 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, distinct, read_fields
 from rotavg.io.colmap_database import ColmapImages
 from rotavg.io.lines import BYTE_ORDER_MARK, exactly, ids_of, is_number, shown
-from rotavg.io.registry import Format, Writable
+from rotavg.io.registry import Format, Writable, refined_positions
 from rotavg.solving.positions import positions
 
 _COLUMNS = ("IMAGE_ID", "qw", "qx", "qy", "qz", "tx", "ty", "tz", "CAMERA_ID", "NAME")
@@ -60,8 +60,11 @@ def write_images(path: Path, item: Writable) -> bytes:
     graph = solution.graph
     R = convert_family(np.asarray(solution.rotations), COLMAP_IMAGES.convention)
     t = np.zeros((graph.num_nodes, 3))
-    if graph.translations is not None:
-        t = -np.einsum("nab,nb->na", R, positions(graph, solution.rotations))
+    where = refined_positions(solution)
+    if where is None and graph.translations is not None:
+        where = positions(graph, solution.rotations)
+    if where is not None:
+        t = -np.einsum("nab,nb->na", R, where)
     rows = np.hstack([wxyz_from_xyzw(quaternions_from_matrices(R)), t + 0.0])
     names = [str(node) for node in graph.nodes.tolist()]
     known = graph.source if isinstance(graph.source, ColmapImages) else None

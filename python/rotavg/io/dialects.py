@@ -96,6 +96,13 @@ class Dialect:
         result[:, 2, 2] = np.trace(block, axis1=1, axis2=2) / 2
         return result
 
+    def cross_information(self, values: Floats) -> Floats:
+        """(m, 3, 3) of the values on m lines: rows translation, columns rotation (about z last)."""
+        d, matrices = self.dimension, self.matrices(values)
+        result = np.zeros((len(matrices), 3, 3))
+        result[:, :d, 3 - (matrices.shape[1] - d) :] = matrices[:, :d, d:]
+        return result
+
     def rotation_information(self, values: Floats) -> Floats:
         """(m, 3, 3) of the values on m lines; in the plane, a multiple of the identity."""
         d = self.dimension

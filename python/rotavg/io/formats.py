@@ -20,8 +20,11 @@ from rotavg.io import (
     g2o,
     glomap,
     irotavg,
+    jrl,
     npz,
     onedsfm,
+    open3d,
+    pyfg,
     registry,
     text,
     tum,
@@ -34,6 +37,9 @@ FORMATS: tuple[Format, ...] = (
     npz.NPZ,
     colmap_database.COLMAP_DATABASE,
     colmap_images.COLMAP_IMAGES,
+    open3d.OPEN3D,
+    jrl.JRL,
+    pyfg.PYFG,
     g2o.G2O,
     g2o.TORO,
     tum.TUM,
@@ -162,6 +168,8 @@ def losses(
     told = []
     if graph.translations is not None and not chosen.has_translations:
         told.append(f"the translations are not in it, {chosen.name} has no place for them")
+    if not chosen.has_ids(graph):
+        told.append(f"the ids are not in it: {chosen.name} counts the nodes, from 0")
     if graph.translations is None and chosen.puts_back:
         told.append("the graph has no translations: those in it are zero and mean nothing")
     source = graph.source

@@ -196,7 +196,7 @@ def _translations(
     if not vectors.any():
         return None, ()
     if information is None:
-        return RelativeTranslations(vectors), ()
+        return RelativeTranslations(vectors, dimension=dialect.dimension), ()
     omega = dialect.translation_information(information)
     bad = first_not_positive_definite(omega)
     if bad is not None:
@@ -204,7 +204,9 @@ def _translations(
             "translations not used: the information about them is not positive definite "
             f"(edge {bad})",
         )
-    return RelativeTranslations(vectors, omega), ()
+    cross = dialect.cross_information(information)
+    shared = cross if cross.any() and np.isfinite(cross).all() else None  # with unit weights
+    return RelativeTranslations(vectors, omega, cross=shared, dimension=dialect.dimension), ()
 
 
 def _weights(path: Path, omega: NDArray[np.float64], lines: Sequence[int]) -> NDArray[np.float64]:

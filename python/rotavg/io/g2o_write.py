@@ -14,9 +14,9 @@ from rotavg.base.errors import FormatError, IncompleteWarning, MissingExtraError
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io import bulk
 from rotavg.io.dialects import G2O_2D, G2O_3D, TORO_2D, TORO_3D, Dialect
-from rotavg.io.gauge import in_gauge_of
 from rotavg.io.lines import exactly
-from rotavg.io.registry import SolutionLike, Writable
+from rotavg.io.registry import SolutionLike, Writable, refined_positions
+from rotavg.solving.anchors import in_gauge_of
 from rotavg.solving.positions import positions
 
 Floats = NDArray[np.float64]
@@ -36,6 +36,16 @@ class PoseFile:
     nodes: frozenset[int] = field(repr=False)  # as read; FIX may name other things as well
     vertices: dict[int, Floats] = field(repr=False)  # the numbers (num_pose,) of each
     fixed: frozenset[int]
+
+    @property
+    def fixed_poses(self) -> dict[int, tuple[Floats, Floats]]:
+        """Rotation (3, 3) and position (3,) of every vertex that is fixed and has a pose."""
+        held = [node for node in sorted(self.fixed & self.nodes) if node in self.vertices]
+        if not held:
+            return {}
+        poses = np.array([self.vertices[node] for node in held])
+        turned = self.dialect.rotations(poses[:, self.dialect.dimension :])
+        return dict(zip(held, zip(turned, self.dialect.translations(poses))))
 
     def select(self, edges: NDArray[np.bool_]) -> PoseFile:
         """The source of the graph that keeps the edges (m,) marked True."""
@@ -105,7 +115,9 @@ def _write(path: Path, item: Writable, dialects: tuple[Dialect, Dialect]) -> byt
     dialect = dialects[1] if flat else dialects[0]
     vertices = _isolated(dialect, graph)
     if not isinstance(item, MeasurementGraph):
-        where = _positions(path, graph, item.rotations, {})
+        where = refined_positions(item)
+        if where is None:
+            where = _positions(path, graph, item.rotations, {})
         translations = np.zeros((graph.num_nodes, 3)) if where is None else where
         poses = _numbers(path, dialect, translations, item.rotations)
         vertices = dict(zip(graph.nodes.tolist(), poses))
@@ -171,10 +183,30 @@ def _new_vertices(
     fixed = np.array([ids[k] in source.fixed for k in rows], dtype=np.bool_)
     rotations, anchors = in_gauge_of(graph, solution.rotations, rows, turned, fixed)
     known = {int(k): p for k, p in zip(rows, moved) if k in anchors}
-    where = _positions(path, graph, rotations, known)
+    refined = refined_positions(solution)
+    if refined is not None:
+        where: Floats | None = _turned(graph, solution.rotations, rotations, refined, known)
+    else:
+        where = _positions(path, graph, rotations, known)
     kept = dialect.dimension if where is None else 0
     translations = np.zeros((graph.num_nodes, 3)) if where is None else where
     return dict(zip(ids, _numbers(path, dialect, translations, rotations))), kept
+
+
+def _turned(
+    graph: MeasurementGraph, before: Floats, after: Floats, where: Floats, known: dict[int, Floats]
+) -> Floats:
+    """Positions (n, 3) moved as the rotations were turned, to where some are known to be."""
+    label = graph.components()
+    result = np.einsum("nab,ncb,nc->na", after, before, where)
+    rows, given = np.array(list(known), dtype=np.int64), np.array(list(known.values()))
+    if len(rows):
+        offset = np.zeros((label.max() + 1, 3))
+        np.add.at(offset, label[rows], given - result[rows])
+        count = np.bincount(label[rows], minlength=len(offset))
+        result += (offset / np.maximum(count, 1)[:, None])[label]
+        result[rows] = given
+    return np.asarray(result)
 
 
 def _positions(

@@ -2,7 +2,8 @@
 
 A graph is `edges` (m, 2) and `rotations` (m, 3, 3), also known as `relative_rotations`, with
 `weights` (m,), `nodes` (n,), `covariances` (m, 3, 3), and of a pose graph `translations` (m, 3)
-with their `translation_information` (m, 3, 3), if need be. A solution says so in `kind` and holds
+with their `translation_information` and `cross_information` (m, 3, 3) and the `dimension` of space
+(2 or 3), if need be. A solution says so in `kind` and holds
 `nodes`, `edges`, `rotations` (n, 3, 3), `quaternions` (n, 4) xyzw, its figures, and, if they were
 computed, `covariances` (n, 3, 3). A graph with known rotations has `ground_truth` (n, 3, 3), and if
 need be `has_ground_truth` (n,), which rows of it are known.
@@ -34,6 +35,7 @@ _FIGURES = (
     "objective", "gradient_norm", "status", "iterations", "component", "residual_angles",
     "edge_weights", "certificate.verdict", "certificate.lambda_min", "certificate.gap",
     "certificate.relative_gap", "certificate.method", "certificate.failure_probability",
+    "positions", "chi2",
 )  # fmt: skip
 # RuntimeError: there is a password, or a compression that Python does not know.
 _UNREADABLE = (
@@ -59,11 +61,16 @@ def read_npz(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     vectors = arrays.pop("translations", None)
     information = arrays.pop("translation_information", None)
     covariances = arrays.pop("covariances", None)
+    cross, dimension = arrays.pop("cross_information", None), arrays.pop("dimension", 3)
     notes: tuple[str, ...] = ()
     if arrays:
         notes += (f"arrays not read: {', '.join(arrays)}",)
     with blame_line(path):
-        translations = None if vectors is None else RelativeTranslations(vectors, information)
+        translations = None
+        if vectors is not None:
+            translations = RelativeTranslations(
+                vectors, information, cross=cross, dimension=_dimension(dimension)
+            )
         ids = as_edges(edges)
         matrices = as_floats(rotations, (len(ids), 3, 3), "rotations")
         notes += matrix_notes(path, matrices, None)
@@ -80,6 +87,12 @@ def read_npz(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
             notes=notes,
             tolerance=MATRIX_TOLERANCE,
         )
+
+
+def _dimension(value: Any) -> int:
+    """The number in an array of one; RelativeTranslations refuses any but 2 and 3."""
+    array = np.asarray(value)
+    return int(array) if array.shape == () and array.dtype.kind in "iu" else 0
 
 
 def read_npz_rotations(path: Path, data: bytes) -> AbsoluteRotations:
@@ -169,6 +182,10 @@ def write_npz(path: Path, item: Writable) -> bytes:
         if item.translations is not None:
             arrays["translations"] = item.translations.vectors
             arrays["translation_information"] = item.translations.information
+            if item.translations.cross is not None:
+                arrays["cross_information"] = item.translations.cross
+            if item.translations.dimension == 2:
+                arrays["dimension"] = np.array(2)
         if item.covariances is not None:
             arrays["covariances"] = item.covariances
     else:

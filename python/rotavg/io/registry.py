@@ -43,6 +43,11 @@ def components_to_tell(solution: SolutionLike) -> list[int]:
     return [] if label is None or label.max() == 0 else label.tolist()
 
 
+def refined_positions(solution: SolutionLike) -> NDArray[Any] | None:
+    """(n, 3) of a solution that was refined together with its positions; None of another."""
+    return getattr(solution, "positions", None)
+
+
 Writable = Union[MeasurementGraph, SolutionLike]
 Content = Union[bytes, Mapping[Path, bytes]]  # of the file itself, or of several files
 
@@ -85,6 +90,7 @@ class Format:
         any_convention: whether users may say that a file is in the other family.
         has_graphs, has_solutions: what can be written.
         has_weights: whether a graph's weights can be written.
+        has_ids: whether the ids of a graph's nodes can be written.
         has_isolated: whether a graph's nodes without an edge can be written.
         has_components: whether a solution's file tells which node is in which component.
         has_covariances: whether a graph's file holds the covariances of the edges.
@@ -106,6 +112,7 @@ class Format:
     has_graphs: bool = True
     has_solutions: bool = True
     has_weights: bool = True
+    has_ids: Callable[[MeasurementGraph], bool] = lambda graph: True
     has_isolated: bool = True
     has_components: bool = False
     has_covariances: bool = False

@@ -19,7 +19,7 @@ from rotavg.base.errors import FormatError
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, is_header, read_fields
 from rotavg.io.lines import content_lines, exactly, is_number, shown
-from rotavg.io.registry import Format, Writable
+from rotavg.io.registry import Format, Writable, refined_positions
 from rotavg.solving.positions import positions
 
 _COLUMNS = ("timestamp", "x", "y", "z", "qx", "qy", "qz", "qw")
@@ -55,9 +55,11 @@ def write_tum(path: Path, item: Writable) -> bytes:
         if not is_number(stamp.encode()) or not np.isfinite(float(stamp)):
             found = f"found the node {stamp!r}"
             raise FormatError(f"{found}, expected a number: it is the time stamp", path=path)
-    where = np.zeros((graph.num_nodes, 3))
-    if graph.translations is not None:
+    where = refined_positions(solution)
+    if where is None and graph.translations is not None:
         where = positions(graph, solution.rotations)
+    if where is None:
+        where = np.zeros((graph.num_nodes, 3))
     rows = np.hstack([where, solution.quaternions])
     lines = [f"# {' '.join(_COLUMNS)}"]
     for k in sorted(range(len(stamps)), key=lambda k: float(stamps[k])):

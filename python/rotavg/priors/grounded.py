@@ -150,7 +150,7 @@ def core_priors(graph: MeasurementGraph, priors: Priors) -> _core.Priors:
     """
     if not isinstance(priors, Priors):
         raise GraphError(f"priors are a {type(priors).__name__}, expected a rotavg.Priors")
-    for name in ("fixed", "absolute", "gravity", "rigs"):
+    for name in ("fixed", "absolute", "gravity", "rigs", "positions"):
         if not isinstance(getattr(priors, name), Mapping):
             raise GraphError(f"{name} priors are no mapping from nodes, expected a dict")
     assert isinstance(priors.rigs, Mapping)

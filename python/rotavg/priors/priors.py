@@ -43,6 +43,8 @@ class Priors:
         rigs: (frame, rotation C (3, 3)) of a node that is a camera of a calibrated rig: cameras
             with the same frame, an integer or a name, share its rotation Q, R_i = Q C with
             C = rig_from_camera. Or Rigs, where some sensors are not known (docs/rigs.md).
+        positions: (position p (3,) in the world, information (3, 3)) of a node of a pose graph, for
+            `refine_poses` alone: averaging rotations does not use them.
     """
 
     fixed: Mapping[Any, ArrayLike] = field(default_factory=dict)
@@ -50,6 +52,7 @@ class Priors:
     gravity: Mapping[Any, tuple[ArrayLike, float]] = field(default_factory=dict)
     down: ArrayLike = (0.0, 1.0, 0.0)
     rigs: Mapping[Any, tuple[Any, ArrayLike]] | Rigs = field(default_factory=dict)
+    positions: Mapping[Any, tuple[ArrayLike, ArrayLike]] = field(default_factory=dict)
 
     @property
     def hold_world(self) -> bool:

@@ -37,7 +37,8 @@ class Solution(NodeMapping):
     Attributes:
         graph: what was solved.
         rotations: (n, 3, 3) world_from_node, rows as in `graph.nodes`; the first node of every
-            component that no prior holds has the identity (with rigs, its first frame).
+            component that no prior holds has the identity (with rigs, its first frame), unless
+            another gauge was asked for.
         objective: f = sum of w |R_i R_ij - R_j|_F^2, equation (3).
         gradient_norm: Euclidean norm of the gradient, per radian.
         relative_gradient: largest |gradient of node i| / degree of i, in radians:

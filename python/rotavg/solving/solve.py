@@ -25,6 +25,7 @@ from rotavg.solving.anisotropic import (
 )
 from rotavg.solving.certificate import Certificate, certificate_from_core
 from rotavg.solving.edge_masks import edge_mask, edge_values
+from rotavg.solving.gauge import in_mean_gauge
 from rotavg.solving.robust import Loss, RobustFit
 from rotavg.solving.solution import Interrupted, Solution
 from rotavg.solving.status import Status, Timings, Trace
@@ -42,6 +43,7 @@ Init = Literal[
 ]
 Stop = Literal["gradient", "step"]
 Mu = Literal["adaptive", "min_eigenvalue"]
+Gauge = Literal["first", "mean"]
 WeightKind = Literal["auto", "precision", "frequency"]
 Progress = _core.Progress
 Callback = Callable[[Progress], Union[bool, None]]
@@ -81,6 +83,7 @@ def solve(
     priors: Priors | None = None,
     robust_priors: bool = True,
     anisotropic: bool | Literal["log"] = False,
+    gauge: Gauge = "first",
 ) -> Solution:
     """Find the rotations that minimise sum of w |R_i R_ij - R_j|_F^2, and certify them.
 
@@ -162,6 +165,9 @@ def solve(
             `Solution.isotropic`, and go on from there. The weight of a prior is then its
             precision, radians^-2. "log" goes on to a local minimum of sum of r^T C^-1 r itself by
             the method of Gauss and Newton; that one has no certificate.
+        gauge: how components are turned that no prior holds. "first": their first node has the
+            identity. "mean": the Karcher mean of their rotations (`karcher_mean`) is that of the
+            rotations given as `init`, which is so preserved; without them, the identity.
 
     Returns:
         A Solution. That an iteration or time limit was hit is told by its `status`, not raised.
@@ -215,6 +221,8 @@ def solve(
         **_known_edges(graph, loss, trusted, excluded, edge_scales, initial_weights),
     }
 
+    if gauge not in ("first", "mean"):
+        raise OptionError(f"gauge is {gauge!r}; expected 'first' or 'mean'")
     sensors = sensors_of(graph, priors) if priors is not None and is_rigs(priors) else None
     grounded = None if priors is None or sensors is not None else ground(graph, priors)
     first = settings
@@ -275,9 +283,13 @@ def solve(
     interrupted = core["interrupted"]
     if anisotropic is not False and not interrupted:
         solution, interrupted = with_covariances(solution, settings)
+    if anisotropic == "log" and not interrupted:
+        solution = refined(solution, settings)
+    if gauge == "mean":
+        solution = in_mean_gauge(solution, start)
     if interrupted:
         raise Interrupted(solution)
-    return refined(solution, settings) if anisotropic == "log" else solution
+    return solution
 
 
 def _known_edges(

@@ -1,4 +1,4 @@
-"""The gauge of a pose graph that goes back into its file."""
+"""The gauge of a pose graph some of whose poses are known."""
 
 from __future__ import annotations
 

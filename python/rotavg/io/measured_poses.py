@@ -1,0 +1,139 @@
+"""A graph of measured poses with information matrices, whatever file they are from; pose family."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotavg.base.errors import FormatError, GraphError
+from rotavg.graph.covariances import first_bad_covariance
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.translations import RelativeTranslations, first_not_positive_definite
+from rotavg.io.g2o_write import kappa
+from rotavg.io.registry import ReadOptions
+from rotavg.io.rounding import MATRIX_TOLERANCE
+
+Floats = NDArray[np.float64]
+
+
+class Places:
+    """Where in a file each of m measurements stands: a line, or the name of a place."""
+
+    def __init__(self, names: Sequence[str] = (), lines: Sequence[int] = ()) -> None:
+        self.names, self.lines = names, lines
+
+    def error(self, path: Path, row: int, reason: str) -> FormatError:
+        """What is wrong with one of them."""
+        if self.lines:
+            return FormatError(reason, path=path, line=self.lines[row])
+        return FormatError(f"{self.names[row]}: {reason}", path=path)
+
+
+def inverse(path: Path, covariances: Floats, places: Places) -> Floats:
+    """Information (m, d, d) of covariances; FormatError for the first that is none."""
+    scale = np.sqrt(np.abs(np.einsum("maa->ma", covariances)))
+    scale[scale == 0] = 1  # units of length must not matter
+    unit = covariances / (scale[:, :, None] * scale[:, None, :])
+    asymmetry = np.abs(unit - np.swapaxes(unit, 1, 2)).max(axis=(1, 2))
+    bad = (np.linalg.eigvalsh(unit)[:, 0] <= 1e-13) | (asymmetry > 1e-6)
+    if bad.any():
+        reason = "the covariance is not symmetric and positive definite"
+        raise places.error(path, int(np.argmax(bad)), reason)
+    with np.errstate(over="ignore", divide="ignore"):
+        found = np.linalg.inv(unit) / (scale[:, :, None] * scale[:, None, :])
+    finite = np.isfinite(found).all(axis=(1, 2))
+    if not finite.all():
+        raise places.error(path, int(np.argmin(finite)), "the covariance is too small to invert")
+    return np.asarray((found + np.swapaxes(found, 1, 2)) / 2)
+
+
+def in_space(information: Floats) -> Floats:
+    """Information (m, 6, 6), translation first, of that about poses in the plane (m, 3, 3).
+
+    Of what the plane does not know, z counts like x and y, and all turns like that about z.
+    """
+    result = np.zeros((len(information), 6, 6))
+    plane = np.array([0, 1, 5])
+    result[:, plane[:, None], plane] = information
+    result[:, 2, 2] = (information[:, 0, 0] + information[:, 1, 1]) / 2
+    result[:, 3, 3] = result[:, 4, 4] = information[:, 2, 2]
+    return result
+
+
+def measured_poses(
+    path: Path,
+    places: Places,
+    edges: Sequence[tuple[Any, Any]],
+    rotations: Floats,
+    vectors: Floats,
+    information: Floats,
+    options: ReadOptions,
+    *,
+    dimension: int = 3,
+    nodes: ArrayLike | None = None,
+    notes: tuple[str, ...] = (),
+) -> MeasurementGraph:
+    """The graph of measured poses i_from_j.
+
+    Args:
+        path: the file, for errors.
+        places: of the measurements in it.
+        edges: m pairs of ids.
+        rotations: (m, 3, 3).
+        vectors: (m, 3).
+        information: (m, 6, 6), translation first. Where there is none about a rotation, the edge is
+            not used.
+        options: what the user asks for.
+        dimension: 2 where all is in the plane.
+        nodes: (n,) ids; None for those in the edges.
+        notes: what is known so far to tell.
+    """
+    about = information[:, 3:, 3:]
+    nothing = (about == 0).all(axis=(1, 2))
+    weights = np.where(nothing, 0.0, kappa(np.where(nothing[:, None, None], np.eye(3), about)))
+    covariances: Floats | None = None
+    if options.unit_weights:
+        weights = np.ones(len(edges))
+    elif np.isnan(weights).any():
+        row = int(np.argmax(np.isnan(weights)))
+        raise places.error(
+            path, row, "the rotation part of the information matrix is not positive definite"
+        )
+    elif dimension == 3:
+        known = np.where(nothing[:, None, None], np.eye(3), about)
+        covariances = np.linalg.inv(known)
+        covariances = (covariances + np.swapaxes(covariances, 1, 2)) / 2
+        if first_bad_covariance(covariances) is not None:
+            covariances = None
+    translations = None
+    if vectors.any():
+        omega = information[:, :3, :3]
+        bad = first_not_positive_definite(omega)
+        if bad is None:
+            cross = information[:, :3, 3:]
+            translations = RelativeTranslations(
+                vectors, omega, cross=cross if cross.any() else None, dimension=dimension
+            )
+        else:
+            why = "the information about them is not positive definite"
+            notes += (f"translations not used: {why} (edge {bad})",)
+    try:
+        return MeasurementGraph(
+            edges,
+            rotations,
+            weights,
+            nodes,
+            covariances=covariances,
+            translations=translations,
+            notes=notes,
+            tolerance=MATRIX_TOLERANCE,
+            **options.of_graph,
+        )
+    except GraphError as error:
+        if error.edge is None:
+            raise FormatError(str(error), path=path) from error
+        raise places.error(path, error.edge, str(error)) from error

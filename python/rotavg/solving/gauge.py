@@ -1,0 +1,32 @@
+"""In what world a solution is told where nothing holds it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg.base.arrays import read_only, rows_by_label
+from rotavg.graph.means import karcher_mean
+from rotavg.solving.solution import Solution
+
+
+def in_mean_gauge(solution: Solution, start: NDArray[np.float64] | None) -> Solution:
+    """The same solution turned such that the mean of the rotations is that of the start.
+
+    In every component that no prior holds, the Karcher mean of the R_i is that of S_i, the
+    rotations (n, 3, 3) that were started from; without them, the identity.
+    """
+    rotations = np.array(solution.rotations)
+    held = solution.grounded is not None and solution.grounded.priors.hold_world
+    parts = rows_by_label(solution.component, solution.num_components)
+    for rows in parts[1:] if held else parts:
+        if start is None:
+            rotations[rows] = karcher_mean(rotations[rows]).T @ rotations[rows]
+            continue
+        # Near the start first: of rotations that lie far apart there are several means.
+        apart = karcher_mean(rotations[rows] @ np.swapaxes(start[rows], 1, 2))
+        near, goal = apart.T @ rotations[rows], karcher_mean(start[rows])
+        rotations[rows] = goal @ karcher_mean(near, goal).T @ near
+    return replace(solution, rotations=read_only(rotations))

@@ -1,0 +1,180 @@
+"""Rotations and positions of a pose graph together, from where averaging and `positions` lead."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg import _core
+from rotavg.base.arrays import read_only
+from rotavg.base.errors import GraphError, OptionError
+from rotavg.graph.conventions import matrices_from_rotvecs, quaternions_from_matrices
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.node_mapping import NodeMapping
+from rotavg.priors.priors import Priors
+from rotavg.solving import options
+from rotavg.solving.known_poses import known_poses
+from rotavg.solving.normal_equations import NormalEquations
+from rotavg.solving.pose_terms import Terms, cost, measured_terms
+from rotavg.solving.solution import Solution
+from rotavg.solving.status import Status
+
+Floats = NDArray[np.float64]
+
+_LEAST_DAMPING = 1e-6
+_MOST_DAMPING = 1e12
+_NEGLIGIBLE = 1e-12  # a step, in radians and in parts of the graph's size
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSolution(NodeMapping):
+    """Poses of the nodes of a pose graph, and a mapping from the ids to their rotations.
+
+    Attributes:
+        solution: the averaged rotations that it started from, with their certificate.
+        rotations: (n, 3, 3) world_from_node.
+        positions: (n, 3) in that world.
+        chi2: the sum that was minimised, at these poses.
+        chi2_start: the same where it started.
+        status: how it ended; where it converged, at a local minimum, which has no certificate.
+        iterations: steps that were tried.
+    """
+
+    solution: Solution
+    rotations: Floats
+    positions: Floats
+    chi2: float
+    chi2_start: float
+    status: Status
+    iterations: int
+
+    @property
+    def graph(self) -> MeasurementGraph:  # type: ignore[override]
+        """The graph of n nodes."""
+        return self.solution.graph
+
+    @property
+    def component(self) -> NDArray[np.int32]:
+        """(n,) label of each node's connected component."""
+        return self.solution.component
+
+    @cached_property
+    def quaternions(self) -> Floats:
+        """(n, 4) Hamilton quaternions xyzw, w >= 0."""
+        return read_only(quaternions_from_matrices(self.rotations))
+
+    def __str__(self) -> str:
+        steps = f"{self.iterations} step{'s' * (self.iterations != 1)}"
+        return f"chi^2 {self.chi2_start:.6g}, refined to {self.chi2:.9g} in {steps}; {self.status}"
+
+
+def refine_poses(
+    solution: Solution,
+    *,
+    fixed: Mapping[Any, tuple[Any, Any]] | None = None,
+    priors: Priors | None = None,
+    max_iterations: int = 100,
+    tolerance: float = 1e-12,
+) -> PoseSolution:
+    """Refine rotations and positions together, to a local minimum of chi^2.
+
+    chi^2 = sum over the edges of e^T Omega e, e the logarithm of Z_ij^-1 T_i^-1 T_j in SE(3), T_i
+    the pose world_from_i, Z_ij the measured one, Omega the edge's whole information, as GTSAM's
+    BetweenFactorPose3 and, in the plane, BetweenFactorPose2 have it. The start is the solution's
+    rotations and the `positions` that fit them; the method is that of Levenberg and Marquardt.
+    After a robust loss the information is multiplied by the robust weights. Needs SciPy.
+
+    Args:
+        solution: of a graph that has `translations`. Its covariances are the rotations' inverse
+            information; without them that of an edge of weight w is 2 w I.
+        fixed: poses (rotation (3, 3), position (3,)) world_from_node of nodes that are held; by
+            default of those that the file fixes which the graph was read from. Where nothing is
+            known of a component, its first node stays where it is, at the origin.
+        priors: what else is known, in units of the same weights: rotations, gravity and
+            `Priors.positions`; by default what the solution was found with. No rigs.
+        max_iterations: limit on the number of steps that are tried.
+        tolerance: stop when a step promises to lower chi^2 by no more than this share of it.
+
+    Raises:
+        GraphError: no translations; an edge whose information is not positive definite; what is
+            fixed is no pose of a node, or is held by the priors as well.
+        OptionError: an option out of range, or priors with rigs.
+        MissingExtraError: SciPy is not installed.
+        SolverError: the numbers are too large or too far apart.
+    """
+    if not isinstance(solution, Solution):
+        raise GraphError(f"found a {type(solution).__name__}, expected a Solution")
+    limit = options.whole("max_iterations", max_iterations, 0, 2**31 - 1)
+    tolerance = options.nonnegative("tolerance", tolerance)
+    if priors is None:
+        priors = Priors() if solution.grounded is None else solution.grounded.priors
+    if priors.rigs:
+        raise OptionError("poses are not refined with rigs among the priors")
+    graph = solution.graph
+    measured = measured_terms(graph, solution.edge_weights / graph.weights)
+    assert graph.translations is not None
+    if fixed is None:
+        fixed = getattr(graph.source, "fixed_poses", {})
+    known = known_poses(solution, fixed, priors)
+    terms: list[Terms] = [measured, *known.terms]
+    free = ~known.held
+    if graph.translations.dimension == 2 and not known.terms:
+        free[:, 2:5] = False
+    start = _State(*known.start(solution), terms)
+    end, status, iterations = _descend(start, NormalEquations(terms, free), limit, tolerance)
+    rotations = _core.nearest_rotation(end.rotations)  # of what rounding has spoilt
+    rotations[known.held[:, 3]] = end.rotations[known.held[:, 3]]
+    return PoseSolution(
+        solution, read_only(rotations), read_only(end.positions), end.chi2, start.chi2, status,
+        iterations,
+    )  # fmt: skip
+
+
+class _State:
+    """Poses, and what they cost."""
+
+    def __init__(self, rotations: Floats, positions: Floats, terms: Sequence[Terms]) -> None:
+        self.rotations, self.positions, self._terms = rotations, positions, terms
+        with np.errstate(all="ignore"):
+            self.chi2 = sum(cost(t, rotations, positions) for t in terms)
+
+    def after(self, step: Floats) -> _State:
+        """T_i exp(step_i) to first order, (n, 6)."""
+        turned = self.rotations @ matrices_from_rotvecs(step[:, 3:])
+        moved = np.einsum("nab,nb->na", self.rotations, step[:, :3])
+        return _State(turned, self.positions + moved, self._terms)
+
+    def barely_moves(self, step: Floats) -> bool:
+        """Whether nothing would change but for rounding."""
+        size = max(float(np.ptp(self.positions, axis=0).max()), 1e-300)
+        moved, turned = np.abs(step[:, :3]).max() / size, np.abs(step[:, 3:]).max()
+        return bool(max(moved, turned) <= _NEGLIGIBLE)
+
+
+def _descend(
+    state: _State, normal: NormalEquations, limit: int, tolerance: float
+) -> tuple[_State, Status, int]:
+    """Steps until one promises nothing more: where, why it ended, and how many were tried."""
+    damping, tried = 0.0, 0
+    normal.linearise(state.rotations, state.positions)
+    while damping <= _MOST_DAMPING:
+        step, promised = normal.step(damping)
+        little = promised <= tolerance * state.chi2
+        if step is not None and damping < 1 and (little or state.barely_moves(step)):
+            return state, Status.GRADIENT_CONVERGED, tried
+        if tried == limit:
+            return state, Status.ITERATION_LIMIT, tried
+        tried += 1
+        after = None if step is None else state.after(step)
+        if after is not None and after.chi2 < state.chi2:
+            damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
+            state = after
+            normal.linearise(state.rotations, state.positions)
+        else:
+            damping = max(_LEAST_DAMPING, 10 * damping)
+    return state, Status.GRADIENT_CONVERGED, tried  # only rounding is left to gain
