@@ -61,7 +61,9 @@ class MeasurementGraph:
         rotations: (m, 3, 3) i_from_j, pose family.
         weights: (m,).
         covariances: (m, 3, 3), in the frame of j; or None.
-        translations, source, notes: as given.
+        translations: as given, or None.
+        source: as given, or None.
+        notes: as given, and what was left out.
 
     Raises:
         GraphError: anything breaks these rules; its `edge` is the row of the edge to blame.
