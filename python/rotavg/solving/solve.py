@@ -118,8 +118,7 @@ def solve(
             little.
         max_iterations: limit on the number of iterations.
         time_limit: limit in seconds on everything together; None for no limit.
-        num_threads: None for all processors. The result has the same bits for any number. (Threads
-            do not survive a fork: use multiprocessing's "spawn" or "forkserver".)
+        num_threads: None for all processors. The result has the same bits for any number.
         callback: called with a `Progress` for the initial value (iteration 0) and after every
             iteration; returning False stops.
         mu: how "sum" chooses mu: "adaptive", or "min_eigenvalue" as the paper prints it.
