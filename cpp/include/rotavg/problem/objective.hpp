@@ -13,7 +13,9 @@
 namespace rotavg {
 
 /// What an edge leaves over: R_i R_ij - R_j.
-inline Matrix3 residual(const Edge& e, const Rotations& R) { return R[e.i] * e.i_from_j() - R[e.j]; }
+inline Matrix3 residual(const Edge& e, const Rotations& R) {
+  return R[e.i] * e.i_from_j() - R[e.j];
+}
 
 /// The objective (3): f(R) = sum_E w_ij |R_i R_ij - R_j|_F^2, summed edge by edge, so that a
 /// noiseless graph gives zero to the square of the rounding error, which 6 sum w - tr(R Rt R^T)
