@@ -46,7 +46,7 @@ class AnisotropicGraph {
       weights.push_back(precisions_[k].trace() / 6.0);
       Matrix3 M = -precisions_[k];
       add_to_diagonal(M, 3.0 * weights.back());
-      blocks_.push_back(scalar_.edges()[k].i_from_j * M);
+      blocks_.push_back(scalar_.edges()[k].i_from_j() * M);
     }
     scalar_.set_weights(weights);
   }
@@ -56,7 +56,7 @@ class AnisotropicGraph {
   const MeasurementGraph& scalar() const { return scalar_; }
   Index num_nodes() const { return scalar_.num_nodes(); }
   Index num_edges() const { return scalar_.num_edges(); }
-  MeasurementGraph::Row row(Index l) const { return scalar_.row(l); }
+  HalfEdges row(Index l) const { return scalar_.row(l); }
   /// Sum of the scalar weights at node l.
   double degree(Index l) const { return scalar_.degree(l); }
 

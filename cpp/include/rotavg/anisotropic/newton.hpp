@@ -109,7 +109,7 @@ inline IterationResult newton(const AnisotropicGraph& graph, const Rotations& R,
     }
     const double forcing = std::min(0.1, std::sqrt(monitor.relative_gradient()));
     const NodeVectors& w = newton_direction(
-        g, forcing, max_cg_steps,
+        g, forcing, max_cg_steps, monitor.num_threads(),
         [&](const NodeVectors& p, NodeVectors& Hp) { apply_hessian(residuals, p, Hp); },
         [&](const NodeVectors& r, NodeVectors& z) { metric.apply(r, z); });
     const double slope = g.cwiseProduct(w).sum(), f = residuals.objective();

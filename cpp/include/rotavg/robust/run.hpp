@@ -115,7 +115,7 @@ class RobustRun {
       const bool trusts = !trusting_.empty() && trusting_[k] == 0.0;
       if (!chosen[k] && !trusts) continue;
       const Edge& e = graph_.edges()[k];
-      measurements.push_back({graph_.nodes()[e.i], graph_.nodes()[e.j], e.i_from_j, 1.0});
+      measurements.push_back({graph_.nodes()[e.i], graph_.nodes()[e.j], e.i_from_j(), 1.0});
       some_precision.push_back(trusts ? 0.0 : 1.0);
     }
     const MeasurementGraph some(measurements, graph_.nodes());

@@ -245,7 +245,7 @@ inline SharedResult refine_shared(const MeasurementGraph& graph, const SharedRid
     if (result.converged || result.iterations == max_iterations || !keep_going()) break;
     const double forcing = std::min(0.1, std::sqrt(result.relative_gradient));
     const NodeVectors& w = newton_direction(
-        g, forcing, max_cg_steps,
+        g, forcing, max_cg_steps, num_threads,
         [&](const NodeVectors& p, NodeVectors& Hp) {
           metric.scatter(frame, p, of_nodes);
           apply_hessian(residuals, of_nodes, H_w);
