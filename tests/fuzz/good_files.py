@@ -28,6 +28,11 @@ def good_files(folder: Path) -> dict[str, list[Path]]:
         paths = []
         usual = form.suffixes[0] if form.suffixes else ".dat"
         name = f"graph{usual}" if usual.startswith(".") else usual.replace("*", "g")
+        if form.name == "text":
+            path = folder / form.name / "v" / name
+            path.parent.mkdir(parents=True)
+            path.write_text("i j rx ry rz weight\n0 1 0.1 0 0 1\n1 2 0 0.2 0 1\n0 2 0 0 0.3 2\n")
+            paths.append(path)
         for kind, item in (("a", graph), ("b", plain), ("s", solution)):
             is_solution = kind == "s"
             if form.write is None or not (form.has_solutions if is_solution else form.has_graphs):

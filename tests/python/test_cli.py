@@ -18,7 +18,7 @@ from rotavg.cli.solve import solve as solve_command
 from rotavg.graph.conventions import Convention
 from rotavg.io import FORMATS
 from rotavg.solving.robust import Loss
-from rotavg.solving.solve import Init, Method, Mu, Stop, WeightKind
+from rotavg.solving.solve import Gauge, Init, Method, Mu, Stop, WeightKind
 
 
 def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -251,6 +251,7 @@ def test_the_command_offers_every_choice_of_the_library() -> None:
     }
     choices = {"method": Method, "init": Init, "stop": Stop, "mu": Mu, "loss": Loss}
     choices["weight_kind"] = WeightKind
+    choices["gauge"] = Gauge
     choices["convention"] = Convention
     expected = {name: get_args(words) for name, words in choices.items()}
     expected["format"] = tuple(form.name for form in FORMATS if form.read)

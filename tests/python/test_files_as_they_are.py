@@ -476,3 +476,17 @@ def test_with_unit_weights_no_information_is_read(tmp_path: Path, place: int, wo
         assert read(path, unit_weights=True).num_edges == 1
     with pytest.raises(FormatError, match="expected a finite number"):
         read(path)
+
+
+@pytest.mark.parametrize("word", ["1e308", "-1e200"])
+def test_numbers_too_large_to_square_are_refused_without_a_warning(
+    tmp_path: Path, word: str
+) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(FormatError, match="rotation vector of length inf"):
+            read(put(tmp_path, "a.txt", "i j rx ry rz", f"0 1 {word} 0 0"))
+        with pytest.raises(FormatError, match="quaternion of length inf"):
+            read(put(tmp_path, "b.txt", f"0 1 {word} 0 0 1"))
+        with pytest.raises(FormatError):
+            read_rotations(put(tmp_path, "c.dat", f"0 1 2 3 0 0 {word} 1"))

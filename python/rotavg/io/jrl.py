@@ -93,7 +93,8 @@ def read_jrl(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
             notes += quaternion_notes(path, turns, range(1, len(turns) + 1))
         except FormatError as error:
             row = (error.line or 1) - 1
-            length = float(np.linalg.norm(turns[row]))
+            with np.errstate(over="ignore"):
+                length = float(np.linalg.norm(turns[row]))
             reason = f"found a quaternion of length {length:.6g}, expected length 1"
             raise places.error(path, row, reason) from None
         rotations, vectors = matrices_from_quaternions(turns), poses[:, :3]

@@ -75,7 +75,8 @@ class Table:
         if self.layout.kind == "matrix":
             matrices = self.numbers.reshape(-1, 3, 3)
             return matrices, matrix_notes(path, matrices, self.lines)
-        length = np.linalg.norm(self.numbers, axis=1)
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(self.numbers, axis=1)
         if (length > _TURN).any():
             row = int(np.argmax(length > _TURN))
             found = f"found a rotation vector of length {length[row]:.6g}"

@@ -77,7 +77,8 @@ def _looks_like_tum(head: bytes) -> bool:
     rows = [text.split() for _, text in content_lines(Path(), whole)]
     if not rows or any(len(row) != len(_COLUMNS) or not all(map(is_number, row)) for row in rows):
         return False
-    length = np.linalg.norm(np.array([row[4:] for row in rows], dtype=np.float64), axis=1)
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(np.array([row[4:] for row in rows], dtype=np.float64), axis=1)
     return bool((np.abs(length - 1) < _LENGTH_TOLERANCE).all())
 
 
