@@ -63,6 +63,7 @@ inline ComponentBound bound_component(EdgeSplits& splits, const Components& comp
                                       Index component, Elimination& elimination, double resolution,
                                       const CertificateOptions& options) {
   constexpr int most_steps = 25, steps_where_definite = 5;
+  constexpr double usual_mu = 1e-6, large_mu = 1e-3;
   const double max_flops = options.max_factorization_flops;
   const auto is_possible = [max_flops](Elimination& of) {
     return of.flops(3, max_flops) <= max_flops && of.factor_bytes(3) <= available_memory();
@@ -75,8 +76,13 @@ inline ComponentBound bound_component(EdgeSplits& splits, const Components& comp
   ComponentBound definite;               // where S is positive, but rounding or R leave a gap
   for (int k = 0;; ++k) {
     const AnisotropicCertificateMatrix S(splits, components, component);
-    const ComponentBound bound =
-        bound_by_grounded_factorization(S, elimination, options.keep_going);
+    ComponentBound bound =
+        bound_by_grounded_factorization(S, elimination, usual_mu, options.keep_going);
+    if (bound.is_definite && bound.gap > resolution) {  // of rounding, perhaps
+      const auto again =
+          bound_by_grounded_factorization(S, elimination, large_mu, options.keep_going);
+      if (again.gap < bound.gap) bound = again;
+    }
     if (bound.gap < definite.gap) definite = bound;
     if (definite.gap <= resolution || stopped()) return definite;
     if (!improvement) improvement.emplace(splits, elimination);

@@ -32,17 +32,17 @@ namespace rotavg {
 ///            ) )^2.
 ///
 /// @param S must be of the component of `elimination`, which is without its root
+/// @param largest_mu of the scale of a node: the larger mu may be, the less rounding counts
 /// @returns CertificateMethod::none where S_r is not positive definite, or the work was stopped
 inline ComponentBound bound_by_grounded_factorization(const AnisotropicCertificateMatrix& S,
-                                                      Elimination& elimination,
+                                                      Elimination& elimination, double largest_mu,
                                                       const std::function<bool()>& keep_going) {
   ComponentBound bound;
   BlockCholesky<3> cholesky(elimination.symbolic());
   const std::vector<double> rounding = cholesky_rounding(*elimination.symbolic(), 3);
   std::vector<double> mu(static_cast<std::size_t>(S.num_nodes()), 0.0), shift(mu);
   auto outcome = CholeskyOutcome::not_positive_definite;
-  for (const double share :
-       {1e-6, 1e-9, 0.0}) {  // of the scale: the more, the less rounding counts
+  for (const double share : {largest_mu, 1e-3 * largest_mu, 0.0}) {
     for (Index a = 1; a < S.num_nodes(); ++a) {
       const double D = 1.01 * rounding[a - 1] * S.scale(a) + S.block_rounding(a);
       mu[a] = D + share * S.scale(a);

@@ -34,23 +34,27 @@ namespace rotavg {
 /// so Q is the part of the precision that is given up for a better W: the edge adds b b^T (x) W to
 /// S and its turn [p].
 ///
-/// In closed form: where sym(G) has an eigenvalue -a < 0, with the unit vector u, Q = 2 a u u^T
-/// lifts it to zero at the least cost to the others, a each; elsewhere Q = 0. -a is negative where
-/// one precision exceeds the sum of the other two. (The multipliers are those of the relaxation
-/// with X_ij in the convex hull of SO(3): Olsson, Lochman, Malmport and Zach 2025,
-/// arXiv 2503.07353.)
+/// In closed form: with sym(G) = U diag(m1 >= m2 >= m3) U^T, Q = 2 c u u^T along the third vector
+/// makes that diag(m1 - c, m2 - c, m3 + c). m3 is negative where one precision exceeds the sum of
+/// the other two; where it is below a quarter of m2, c lifts it to a quarter of what m2 becomes, so
+/// that W > 0 wherever the edge is well posed; elsewhere Q = 0. (To lift it just to zero would
+/// leave W singular, and fewer graphs are proved so. The multipliers are those of the relaxation
+/// with X_ij in the convex hull of SO(3): Olsson, Lochman, Malmport and Zach 2025, arXiv
+/// 2503.07353.)
 class EdgeSplits {
  public:
   /// The closed form, at some rotations.
   /// @param residuals must outlive this object
   explicit EdgeSplits(const AnisotropicResiduals& residuals)
       : residuals_(&residuals), Q_(residuals().size(), Matrix3::Zero()) {
+    constexpr double share = 0.2;  // of m2 + m3, to m3
     for (std::size_t k = 0; k < Q_.size(); ++k) {
-      const Matrix3 A = half_trace_less(residuals()[k].T);  // sym(G)
-      if (is_positive(A)) continue;
-      const SymmetricEigen eigen = symmetric_eigen(A);
+      const SymmetricEigen eigen = symmetric_eigen(half_trace_less(residuals()[k].T));  // sym(G)
+      const double m3 = eigen.values(0), m2 = eigen.values(1);
+      const double c = share * std::max(0.0, m2 + m3) - m3;
+      if (!(c > 0.0)) continue;
       const Vector3 u = eigen.vectors.col(0);
-      Q_[k] = outer_product(2.0 * std::max(0.0, -eigen.values(0)) * u, u);
+      Q_[k] = outer_product(2.0 * c * u, u);
     }
   }
 
@@ -85,10 +89,6 @@ class EdgeSplits {
     Matrix3 A = -T;
     add_to_diagonal(A, 0.5 * T.trace());
     return A;
-  }
-  /// Whether A >= 0 for sure.
-  static bool is_positive(const Matrix3& A) {
-    return A(0, 0) > 0.0 && A(0, 0) * A(1, 1) > A(0, 1) * A(0, 1) && determinant(A) > 0.0;
   }
 
   const AnisotropicResiduals* residuals_;
