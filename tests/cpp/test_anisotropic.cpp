@@ -71,7 +71,7 @@ double objective_by_definition(const AnisotropicGraph& graph, const Rotations& R
     const Edge& e = graph.scalar().edges()[k];
     const Matrix3& H = graph.precisions()[k];
     const Matrix3 M = 0.5 * H.trace() * Matrix3::Identity() - H;
-    sum += 2.0 * (M.trace() - (R[e.i] * e.i_from_j * M * R[e.j].transpose()).trace());
+    sum += 2.0 * (M.trace() - (R[e.i] * e.i_from_j() * M * R[e.j].transpose()).trace());
   }
   return sum;
 }
@@ -244,7 +244,7 @@ TEST_CASE("the split is admissible, and S is what it says") {
       const Edge& edge = graph.scalar().edges()[e];
       const Matrix3& H = graph.precisions()[e];
       const Matrix3 M = 0.5 * H.trace() * Matrix3::Identity() - H;
-      const Matrix3 G = R[edge.i] * edge.i_from_j * M * R[edge.j].transpose();
+      const Matrix3 G = R[edge.i] * edge.i_from_j() * M * R[edge.j].transpose();
       const Matrix3 P = symmetric_part(G) - W;
       for (int t = 0; t < 50; ++t) {
         const double more = P.trace() - (P * random.rotation()).trace();

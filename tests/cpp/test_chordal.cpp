@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <doctest/doctest.h>
+#include <Eigen/Cholesky>
 
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>

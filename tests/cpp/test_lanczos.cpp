@@ -2,6 +2,8 @@
 #include <vector>
 
 #include <doctest/doctest.h>
+#include <Eigen/Core>
+#include <Eigen/QR>
 
 #include <rotavg/linalg/lanczos.hpp>
 
@@ -22,6 +24,8 @@ Eigen::MatrixXd symmetric(Random& random, Eigen::Index n) {
 Eigen::VectorXd vector(Random& random, Eigen::Index n) {
   return Eigen::VectorXd::NullaryExpr(n, [&](Eigen::Index) { return random.normal(); });
 }
+
+const auto anywhere = [](Eigen::VectorXd&) {};
 
 }  // namespace
 
@@ -61,13 +65,36 @@ TEST_CASE("Lanczos' method ends at the smallest eigenvalue, within its residual"
     LanczosOptions options;
     options.relative_tolerance = trial % 2 == 0 ? 0.1 : 1e-8;
     const RitzValue ritz = smallest_ritz_value(
-        [&](const Eigen::VectorXd& x) -> Eigen::VectorXd { return A.lazyProduct(x); },
+        [&](const Eigen::VectorXd& x) -> Eigen::VectorXd { return A.lazyProduct(x); }, anywhere,
         vector(random, n), options);
     const double expected = test::dense_eigenvalues(A)(0);
     CAPTURE(n);
     CHECK(ritz.converged);
     CHECK(ritz.value >= expected - 1e-10 * std::abs(expected));
     CHECK(ritz.value - ritz.residual <= expected + 1e-10 * std::abs(expected));
+  }
+}
+
+TEST_CASE("it stays in the space that it is projected on, however short the vectors become") {
+  Random random;
+  INFO(random.replay());
+  for (int trial = 0; trial < 50; ++trial) {
+    const Eigen::Index n = 3 + random.below(20);
+    // Zero along the last axis, at least one elsewhere, with few different eigenvalues.
+    Eigen::VectorXd eigenvalues(n);
+    for (Eigen::Index k = 0; k < n; ++k) eigenvalues(k) = 1.0 + 1e-3 * random.below(3);
+    eigenvalues(n - 1) = 0.0;
+    const Eigen::MatrixXd Q = Eigen::MatrixXd(symmetric(random, n)).householderQr().householderQ();
+    const auto apply = [&](const Eigen::VectorXd& x) -> Eigen::VectorXd {
+      return Q * eigenvalues.cwiseProduct(Q.transpose() * x);
+    };
+    const auto project = [&](Eigen::VectorXd& x) { x -= Q.col(n - 1) * Q.col(n - 1).dot(x); };
+    Eigen::VectorXd start = vector(random, n);
+    project(start);
+    LanczosOptions options;
+    options.relative_tolerance = 0.0;
+    options.max_iterations = 50;
+    CHECK(smallest_ritz_value(apply, project, start, options).value >= 1.0 - 1e-10);
   }
 }
 
@@ -80,8 +107,8 @@ TEST_CASE("it stops when it is told to") {
   int left = 7;
   options.keep_going = [&] { return left-- > 0; };
   const auto apply = [&](const Eigen::VectorXd& x) -> Eigen::VectorXd { return A.lazyProduct(x); };
-  CHECK_FALSE(smallest_ritz_value(apply, vector(random, 60), options).converged);
+  CHECK_FALSE(smallest_ritz_value(apply, anywhere, vector(random, 60), options).converged);
   options.keep_going = {};
   options.max_iterations = 10;
-  CHECK_FALSE(smallest_ritz_value(apply, vector(random, 60), options).converged);
+  CHECK_FALSE(smallest_ritz_value(apply, anywhere, vector(random, 60), options).converged);
 }

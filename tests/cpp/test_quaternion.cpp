@@ -95,7 +95,7 @@ TEST_CASE(
     Eigen::MatrixXd A = Eigen::MatrixXd::Zero(4 * m, 4 * 8);
     for (Index e = 0; e < m; ++e) {
       const Edge& edge = graph.edges()[e];
-      const WXYZ q = from_matrix(edge.i_from_j);
+      const WXYZ q = from_matrix(edge.i_from_j());
       const bool same = dot(product(from_matrix(truth[edge.i]), q), from_matrix(truth[edge.j])) > 0;
       const auto rows = right_factor(q);
       const double root = std::sqrt(edge.weight);

@@ -41,7 +41,9 @@ std::vector<double> support_by_definition(const MeasurementGraph& graph) {
   std::vector<Detour> detours;
   const auto& edges = graph.edges();
   for (Index e = 0; e < graph.num_edges(); ++e) {
-    const auto [i, j, i_from_j, w] = edges[e];
+    const Edge edge = edges[e];
+    const Index i = edge.i, j = edge.j;
+    const Matrix3 i_from_j = edge.i_from_j();
     for (const Edge& f : edges) {
       for (const Edge& g : edges) {
         for (Index k = 0; k < graph.num_nodes(); ++k) {

@@ -172,7 +172,7 @@ TEST_CASE("cameras share their strongest neighbours, whatever an edge says of it
   for (Index k = 0; k < graph.num_edges(); ++k) {
     CHECK(strength[k] >= 0.0);
     const Edge& e = graph.edges()[k];
-    const bool folds = (ring.truth[e.i] * e.i_from_j - ring.truth[e.j]).norm() > 0.1;
+    const bool folds = (ring.truth[e.i] * e.i_from_j() - ring.truth[e.j]).norm() > 0.1;
     if (folds) CHECK(ends[k] == 0.0);
   }
   const std::vector<Index> part = parts_joined_by(graph, skeleton(graph, ends));
