@@ -18,6 +18,9 @@
 #include <rotavg/solve/solve.hpp>
 #include <rotavg/solve/stopwatch.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// The stages of a robust solution, which share the limits, the callback and the watch.
@@ -191,3 +194,5 @@ class RobustRun {
 };
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop
