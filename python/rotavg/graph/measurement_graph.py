@@ -64,7 +64,9 @@ class MeasurementGraph:
     Attributes:
         nodes: (n,) ids.
         covariances: (m, 3, 3), in the frame of j; or None.
-        translations, source, notes: as given.
+        translations: as given, or None.
+        source: as given, or None.
+        notes: as given, and what was left out.
 
     An edge takes 64 bytes: a quaternion, its ends, its weight. The arrays that are made of these,
     `edges`, `indices`, `rotations`, `quaternions` and `weights`, are kept once they are asked for.

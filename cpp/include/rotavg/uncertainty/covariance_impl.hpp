@@ -39,8 +39,8 @@ namespace detail {
 /// The covariances of some pairs of one component.
 class ComponentCovariances {
  public:
-  /// @param anisotropic or null
-  /// @param residuals, components, anisotropic, options must outlive this object
+  /// @param residuals, components, anisotropic, options must outlive this object; `anisotropic` may
+  ///        be null
   ComponentCovariances(const ResidualQuaternions& residuals, const Components& components,
                        Index component, const AnisotropicLinearization* anisotropic,
                        const CovarianceOptions& options)
