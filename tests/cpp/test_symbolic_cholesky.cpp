@@ -6,6 +6,7 @@
 #include <doctest/doctest.h>
 
 #include <rotavg/linalg/subtrees.hpp>
+#include <rotavg/linalg/eigen_minimum_degree.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
 
 #include "support/blocks.hpp"
@@ -226,6 +227,48 @@ TEST_CASE("the multiplications of an order are those of its elimination, or a fe
     CHECK(approximate_minimum_degree(pattern_of(n, test::path(n))).multiplications ==
           3.0 * n - 2.0);
   }
+}
+
+TEST_CASE("columns of the factor are counted as elimination fills them, in any order") {
+  Random random;
+  INFO(random.replay());
+  for (int k = 0; k < 300; ++k) {
+    const Index n = 1 + random.below(40);
+    test::Pairs pairs;
+    for (Index e = random.below(3 * n); e > 0; --e) {
+      const Index i = random.below(n), j = random.below(n);
+      if (i != j) pairs.emplace_back(i, j);
+    }
+    const BlockPattern pattern = pattern_of(n, pairs);
+    const std::vector<Index> order = random_order(random, n).node;
+    const std::vector<Index> counts = factor_column_counts(pattern, order);
+    const auto rows = rows_of_factor(pattern, order);
+    CAPTURE(k);
+    REQUIRE(counts.size() == rows.size());
+    for (std::size_t j = 0; j < rows.size(); ++j) REQUIRE(counts[j] == 1 + rows[j].size());
+  }
+}
+
+TEST_CASE("Eigen's order is one of all nodes, fills about as little, and is counted exactly") {
+  Random random;
+  INFO(random.replay());
+  double fill = 0.0, fill_by_eigen = 0.0;
+  for (int k = 0; k < 100; ++k) {
+    const Index n = 1 + random.below(60);
+    const auto pairs = test::random_connected(random, n, random.below(2 * n));
+    const BlockPattern pattern = pattern_of(n, pairs);
+    const EliminationOrder order = eigen_minimum_degree(pattern);
+    check_analysis(pattern, order);
+    REQUIRE(order.multiplications == multiplications_of(rows_of_factor(pattern, order.node)));
+    fill += approximate_minimum_degree(pattern).nonzeros;
+    fill_by_eigen += order.nonzeros;
+  }
+  CHECK(fill_by_eigen < 1.1 * fill);
+  CHECK(eigen_minimum_degree({}).node.empty());
+  BlockPattern beyond;
+  beyond.start = {0, 1};
+  beyond.row = {1};
+  CHECK_THROWS_AS(eigen_minimum_degree(beyond), std::logic_error);
 }
 
 TEST_CASE("the supernode of a complete graph is one, and so are those of long paths few") {

@@ -2,13 +2,11 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <new>
-#include <stdexcept>
 #include <utility>
 #include <vector>
 
-#include <amd.h>
-
+#include <rotavg/linalg/block_pattern.hpp>
+#include <rotavg/linalg/elimination_order.hpp>
 #include <rotavg/linalg/supernodes.hpp>
 #include <rotavg/types.hpp>
 
@@ -16,41 +14,6 @@
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
 
 namespace rotavg {
-
-/// Where a symmetric matrix of blocks has entries: its lower triangle by columns, in compressed
-/// form. The rows of a column rise, and the first is the diagonal.
-struct BlockPattern {
-  std::vector<Index> start = {0};  ///< (n + 1,) where each column begins in `row`
-  std::vector<Index> row;
-
-  Index size() const { return static_cast<Index>(start.size()) - 1; }
-};
-
-/// An order of elimination that keeps the Cholesky factor sparse.
-struct EliminationOrder {
-  std::vector<Index> node;  ///< (n,) the node that is eliminated k-th
-  /// Multiplications that a factorisation in this order takes at most, divisions and roots
-  /// included, with blocks of size one; for blocks of size B about B^3 times as many.
-  double multiplications = 0.0;
-  double nonzeros = 0.0;  ///< of the factor below the diagonal, about, with blocks of size one
-};
-
-/// Approximate minimum degree (Amestoy, Davis and Duff 2004), by SuiteSparse's AMD.
-/// @throws std::bad_alloc
-inline EliminationOrder approximate_minimum_degree(const BlockPattern& pattern) {
-  EliminationOrder order;
-  if (pattern.size() == 0) return order;  // amd_order takes no null pointers
-  order.node.resize(static_cast<std::size_t>(pattern.size()));
-  double control[AMD_CONTROL], info[AMD_INFO];
-  amd_defaults(control);
-  const int status = amd_order(pattern.size(), pattern.start.data(), pattern.row.data(),
-                               order.node.data(), control, info);
-  if (status == AMD_OUT_OF_MEMORY) throw std::bad_alloc();
-  if (status < 0) throw std::logic_error("the pattern is not that of a symmetric matrix");
-  order.multiplications = info[AMD_NMULTSUBS_LDL] + info[AMD_LNZ] + pattern.size();
-  order.nonzeros = info[AMD_LNZ];
-  return order;
-}
 
 /// What a Cholesky factorisation needs to know of a pattern: the elimination tree (Liu 1990), cut
 /// into supernodes, which are neighbouring columns of L with (nearly) the same rows. It does not
