@@ -11,7 +11,16 @@ import numpy as np
 import rotavg
 
 # What every Linux has, by the rules of manylinux.
-SYSTEM = ("ld-linux", "libc.", "libdl.", "libgcc_s.", "libm.", "libpthread.", "librt.", "libstdc++.")
+SYSTEM = (
+    "ld-linux",
+    "libc.",
+    "libdl.",
+    "libgcc_s.",
+    "libm.",
+    "libpthread.",
+    "librt.",
+    "libstdc++.",
+)
 
 edges = [("a", "b"), ("b", "c"), ("c", "d"), ("d", "a"), ("a", "c")]
 rotvecs = np.radians([[0, 0, 90.5], [0, 0, 89], [0, 0, 91], [0, 0, 90], [0, 0, 180]])

@@ -3,8 +3,9 @@
     ./dev wheel                  # build/wheel/dist/rotavg-*.whl
     ./dev wheel --from-sdist     # from the source archive instead, with Eigen's AMD: no SuiteSparse
 
-auditwheel copies the libraries that the modules need, and that are not part of every Linux, into the
-wheel. What may be copied is listed here, with its licence in the wheel; anything else is an error.
+auditwheel copies the libraries that the modules need, and that are not part of every Linux, into
+the wheel. What may be copied is listed here, with its licence in the wheel; anything else is an
+error.
 """
 
 from __future__ import annotations

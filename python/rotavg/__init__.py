@@ -7,7 +7,21 @@ A measurement graph of relative rotations goes in, absolute rotations with a cer
     print(solution)
     rotavg.write("solved.g2o", solution)
 
-Convention (pose family): R_i is world_from_i, R_ij is i_from_j, and R_i R_ij = R_j.
+Convention (pose family): R_i is world_from_i, R_ij is i_from_j, and R_i R_ij = R_j. Angles are
+radians, quaternions xyzw.
+
+    MeasurementGraph    the measurements; from arrays, SciPy, NetworkX, pandas
+    read, write         files of ten formats; read_rotations, write_edges, write_covariances
+    solve               the rotations: a Solution, with a Certificate
+    certify             the certificate of rotations from elsewhere
+    Priors              what is known beforehand: fixed rotations, gravity, rigs
+    simulate, compare   graphs with known truth, and errors
+    hardness            how hard a graph is; cycle_evidence, which edges are suspicious
+    plot, report        pictures and pages (extras)
+    images, colmap      from photographs, and on to a scene (extras)
+
+Everything that is raised on purpose is a rotavg.Error. The pages of the documentation are made by
+`./dev docs`.
 """
 
 import importlib
@@ -74,7 +88,13 @@ _AT_FIRST_USE = {
 }
 
 
+# So are these modules, as rotavg.plot and so on; what they need beyond numpy are extras.
+_MODULES = ("colmap", "images", "io", "partners", "plot", "report", "reproduce")
+
+
 def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return importlib.import_module(f"rotavg.{name}")
     if name not in _AT_FIRST_USE:
         raise AttributeError(f"module 'rotavg' has no attribute {name!r}")
     value = getattr(importlib.import_module(_AT_FIRST_USE[name]), name)
@@ -83,7 +103,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted((*__all__, *_MODULES))
 
 
 __all__ = [

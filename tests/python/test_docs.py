@@ -19,7 +19,7 @@ PAGES = sorted(page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md"))
 NEEDS = {
     "conventions.md": ("scipy",),
     "gallery.md": ("matplotlib", "scipy"),
-    "partners.md": ("gtsam", "pycolmap", "networkx", "scipy"),
+    "partners.md": ("gtsam", "pycolmap", "networkx", "scipy", "pandas"),
     "plots.md": ("matplotlib", "scipy"),
     "report.md": ("plotly", "jinja2"),
     "tutorial.md": ("matplotlib",),

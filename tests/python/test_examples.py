@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -75,3 +77,26 @@ def test_photographs_with_colmap(tmp_path: Path) -> None:
     out = run("photographs.py", "room", str(FOCAL), cwd=tmp_path)
     assert "4 images" in out
     assert rotavg.read(tmp_path / "graph.npz").num_nodes == 4
+
+
+@pytest.mark.parametrize("notebook", sorted(EXAMPLES.glob("*.ipynb")), ids=lambda path: path.stem)
+def test_notebooks_are_those_of_the_pages_and_run(
+    notebook: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("scipy")
+    made = runpy.run_path(str(EXAMPLES / "notebooks.py"))
+    page = EXAMPLES.parent / made["PAGES"][notebook.stem]
+    text = notebook.read_text("utf-8")
+    assert text == made["notebook"](page), "python examples/notebooks.py writes it anew"
+    content = json.loads(text)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    names: dict[str, object] = {}
+    for cell in content["cells"]:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "code":
+            exec(compile(source, notebook.name, "exec"), names)
+        else:
+            for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", source):
+                assert (EXAMPLES / target).exists(), target

@@ -1,6 +1,6 @@
 #pragma once
 
 #define ROTAVG_VERSION_MAJOR 0
-#define ROTAVG_VERSION_MINOR 1
+#define ROTAVG_VERSION_MINOR 2
 #define ROTAVG_VERSION_PATCH 0
-#define ROTAVG_VERSION "0.1.0"
+#define ROTAVG_VERSION "0.2.0"

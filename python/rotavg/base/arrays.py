@@ -12,14 +12,26 @@ from rotavg.base.errors import GraphError
 Array = TypeVar("Array", bound="NDArray[Any]")
 
 
+class ReadOnly:
+    """What has read-only arrays, and keeps them so when it is unpickled or copied deeply."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+        self.__dict__.update(state)
+
+
 def as_floats(
     values: ArrayLike, shape: tuple[int, ...], what: str, *, copy: bool = True
 ) -> NDArray[np.float64]:
     """Copy of `values` as C-order float64 of exactly this shape; GraphError says what is wrong.
 
-    Without `copy`, an array that is in order is handed on as it is.
+    Where matrices (..., 3, 3) are expected, SciPy's `Rotation` is understood. Without `copy`, an array that is in order is handed on as it is.
     """
     try:
+        if shape[-2:] == (3, 3) and hasattr(values, "as_matrix"):
+            values = values.as_matrix()
         array = np.array(values, order="C") if copy else np.asarray(values, order="C")
         if array.dtype.kind == "c":
             raise GraphError(f"{what} are complex, expected real numbers")

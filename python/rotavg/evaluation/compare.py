@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg.base.arrays import read_only, rows_by_label
+from rotavg.base.arrays import ReadOnly, read_only, rows_by_label
 from rotavg.base.errors import GraphError
 from rotavg.evaluation.known import Known, Rotations, known
 from rotavg.graph.ids import IdArray, rows_of
@@ -17,7 +17,7 @@ SHARES_DEG = (1, 2, 5, 10)
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(ReadOnly):
     """Angles between rotations and a reference.
 
     Attributes:

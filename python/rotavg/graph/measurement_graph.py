@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rotavg import _core
 from rotavg.base.arrays import as_floats, read_only
 from rotavg.base.errors import GraphError, require
+from rotavg.base.html import table
 from rotavg.graph import conventions
 from rotavg.graph.conventions import Convention, QuaternionOrder
 from rotavg.graph.covariances import first_bad_covariance, isotropic_weights, pose_family
@@ -187,7 +188,13 @@ class MeasurementGraph:
         nodes: ArrayLike | None = None,
         *,
         order: QuaternionOrder = "xyzw",
-        **options: Any,
+        convention: Convention = "pose",
+        covariances: ArrayLike | None = None,
+        translations: RelativeTranslations | None = None,
+        source: Source | None = None,
+        notes: tuple[str, ...] = (),
+        tolerance: float = TOLERANCE,
+        skip_self_edges: bool = False,
     ) -> MeasurementGraph:
         """Graph from relative rotations as Hamilton quaternions (m, 4), of any length but zero.
 
@@ -202,7 +209,19 @@ class MeasurementGraph:
         bad = conventions.first_bad_quaternion(xyzw)
         if bad is not None:
             raise edge_error(ids, *bad)
-        return cls(ids, Quaternions(xyzw), weights, nodes, **options)
+        return cls(
+            ids,
+            Quaternions(xyzw),
+            weights,
+            nodes,
+            convention=convention,
+            covariances=covariances,
+            translations=translations,
+            source=source,
+            notes=notes,
+            tolerance=tolerance,
+            skip_self_edges=skip_self_edges,
+        )
 
     @classmethod
     def from_rotvecs(
@@ -211,9 +230,19 @@ class MeasurementGraph:
         rotvecs: ArrayLike,
         weights: ArrayLike | None = None,
         nodes: ArrayLike | None = None,
-        **options: Any,
+        *,
+        convention: Convention = "pose",
+        covariances: ArrayLike | None = None,
+        translations: RelativeTranslations | None = None,
+        source: Source | None = None,
+        notes: tuple[str, ...] = (),
+        tolerance: float = TOLERANCE,
+        skip_self_edges: bool = False,
     ) -> MeasurementGraph:
-        """Graph from relative rotations as rotation vectors (m, 3): axis times angle in radians."""
+        """Graph from relative rotations as rotation vectors (m, 3): axis times angle in radians.
+
+        Everything else is as in the constructor.
+        """
         ids = as_edges(edges)
         given = as_floats(rotvecs, (len(ids), 3), "rotvecs", copy=False)
         finite = np.isfinite(given).all(axis=1)
@@ -222,7 +251,19 @@ class MeasurementGraph:
             reason = f"the rotation vector is {given[k].tolist()}, expected finite numbers"
             raise edge_error(ids, k, reason)
         xyzw = conventions.quaternions_from_rotvecs(given)
-        return cls(ids, Quaternions(xyzw), weights, nodes, **options)
+        return cls(
+            ids,
+            Quaternions(xyzw),
+            weights,
+            nodes,
+            convention=convention,
+            covariances=covariances,
+            translations=translations,
+            source=source,
+            notes=notes,
+            tolerance=tolerance,
+            skip_self_edges=skip_self_edges,
+        )
 
     @classmethod
     def from_scipy(
@@ -231,10 +272,32 @@ class MeasurementGraph:
         rotations: Any,
         weights: ArrayLike | None = None,
         nodes: ArrayLike | None = None,
-        **options: Any,
+        *,
+        convention: Convention = "pose",
+        covariances: ArrayLike | None = None,
+        translations: RelativeTranslations | None = None,
+        source: Source | None = None,
+        notes: tuple[str, ...] = (),
+        tolerance: float = TOLERANCE,
+        skip_self_edges: bool = False,
     ) -> MeasurementGraph:
-        """Graph from a `scipy.spatial.transform.Rotation` of m relative rotations."""
-        return cls.from_quaternions(edges, rotations.as_quat(), weights, nodes, **options)
+        """Graph from a `scipy.spatial.transform.Rotation` of m relative rotations.
+
+        (The constructor understands these, too.) Everything else is as in the constructor.
+        """
+        return cls.from_quaternions(
+            edges,
+            rotations.as_quat(),
+            weights,
+            nodes,
+            convention=convention,
+            covariances=covariances,
+            translations=translations,
+            source=source,
+            notes=notes,
+            tolerance=tolerance,
+            skip_self_edges=skip_self_edges,
+        )
 
     @classmethod
     def from_networkx(
@@ -254,6 +317,44 @@ class MeasurementGraph:
 
         arrays = arrays_from_networkx(graph, rotation, weight)
         return cls(*arrays, convention=convention)
+
+    @classmethod
+    def from_dataframe(
+        cls,
+        frame: Any,
+        *,
+        nodes: ArrayLike | None = None,
+        convention: Convention = "pose",
+        skip_self_edges: bool = False,
+    ) -> MeasurementGraph:
+        """Graph from a `pandas.DataFrame` with a row for each edge.
+
+        Its columns: `i` and `j`; the relative rotation as a quaternion `qx qy qz qw`, a rotation
+        vector `rx ry rz` in radians, or a matrix `r00` ... `r22` by rows; `weight`, if there is
+        one. Others are not looked at. `to_dataframe` makes such a frame.
+
+        Raises GraphError if it lacks a column, and as the constructor does.
+        """
+        from rotavg.graph.dataframes import arrays_from_frame
+
+        edges, rotations, weights = arrays_from_frame(frame)
+        return cls(
+            edges,
+            rotations,
+            weights,
+            nodes,
+            convention=convention,
+            skip_self_edges=skip_self_edges,
+        )
+
+    def to_dataframe(self) -> Any:
+        """A `pandas.DataFrame` of the edges: `i`, `j`, `qx qy qz qw` (pose family), `weight`.
+
+        Needs pandas, the extra [pandas].
+        """
+        from rotavg.graph.dataframes import frame_of_edges
+
+        return frame_of_edges(self.edges, self.rotations, {"weight": self.weights})
 
     def to_networkx(self) -> Any:
         """A `networkx.MultiDiGraph` with `rotation` (3, 3) and `weight` on every edge."""
@@ -333,6 +434,16 @@ class MeasurementGraph:
         result = object.__new__(MeasurementGraph)
         result.__dict__.update(self.__dict__, notes=self.notes + notes)
         return result
+
+    def _repr_html_(self) -> str:
+        parts = int(self.components().max()) + 1
+        rows = [
+            ("nodes", f"{self.num_nodes} in {parts} component{'s' if parts > 1 else ''}"),
+            ("edges", str(self.num_edges)),
+            ("weights", f"{self.weights.min():.4g} to {self.weights.max():.4g}"),
+            *(("note", note) for note in self.notes),
+        ]
+        return table("Measurement graph", rows)
 
     def __repr__(self) -> str:
         return f"MeasurementGraph({self.num_nodes} nodes, {self.num_edges} edges)"

@@ -9,6 +9,7 @@ from typing import Any, Union
 import numpy as np
 from numpy.typing import NDArray
 
+from rotavg.base.arrays import ReadOnly
 from rotavg.base.errors import UnknownNodeError, require
 from rotavg.graph.conventions import quaternions_from_matrices
 from rotavg.graph.ids import IdArray
@@ -17,7 +18,7 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 Id = Union[int, str]
 
 
-class NodeMapping(Mapping[Id, NDArray[np.float64]]):
+class NodeMapping(ReadOnly, Mapping[Id, NDArray[np.float64]]):
     """What has a `graph` of n nodes and `rotations` (n, 3, 3), as a mapping.
 
     The keys are the ids of the nodes, in the order of the graph; the values are matrices (3, 3),

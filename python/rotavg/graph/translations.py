@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg.base.arrays import as_floats, read_only
+from rotavg.base.arrays import ReadOnly, as_floats, read_only
 from rotavg.base.errors import GraphError
 
 
 @dataclass(frozen=True, eq=False)
-class RelativeTranslations:
+class RelativeTranslations(ReadOnly):
     """What was measured of the edges' translations; averaging rotations does not use them.
 
     Attributes:

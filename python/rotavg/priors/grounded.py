@@ -37,11 +37,16 @@ class Grounded:
         graph: the measurements.
         priors: what is known.
         core: the problem that is solved: free variables, and the world that is held.
+        prior_weights: of absolute priors and of gravity, if a robust loss has changed them.
     """
 
     graph: MeasurementGraph
     priors: Priors
     core: _core.GroundedGraph
+    prior_weights: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (self.graph, self.priors, self.prior_weights)
 
     def with_weights(self, weights: NDArray[np.float64]) -> _core.GroundedGraph:
         """The problem with other weights (m,) of the measurements."""
@@ -52,11 +57,15 @@ class Grounded:
         if absolute is None and gravity is None:
             return self
         none = np.empty(0)
-        core = self.core.with_prior_weights(
+        return self._with_weights_of_priors(
             none if absolute is None else absolute.believed_weights,
             none if gravity is None else gravity.believed_weights,
         )
-        return replace(self, core=core)
+
+    def _with_weights_of_priors(self, *weights: NDArray[np.float64]) -> Grounded:
+        absolute, gravity = weights
+        core = self.core.with_prior_weights(absolute, gravity)
+        return replace(self, core=core, prior_weights=(absolute, gravity))
 
     def noise_variance(
         self,
@@ -187,6 +196,16 @@ def prior_error(graph: MeasurementGraph, error: _core.InvalidPrior) -> GraphErro
     kind, row, reason = error.args
     of = "down" if kind == "down" else _name(graph, kind, row)
     return GraphError(f"{of} {reason}")
+
+
+def _restored(
+    graph: MeasurementGraph,
+    priors: Priors,
+    weights: tuple[NDArray[np.float64], NDArray[np.float64]] | None,
+) -> Grounded:
+    grounded = ground(graph, priors)
+    assert grounded is not None
+    return grounded if weights is None else grounded._with_weights_of_priors(*weights)
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Union
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from rotavg.base.arrays import as_floats
 from rotavg.base.errors import GraphError
 from rotavg.graph.conventions import matrices_from_quaternions, matrices_from_rotvecs
 from rotavg.graph.known_rotations import KnownRotations
@@ -15,6 +18,8 @@ from rotavg.graph.translations import RelativeTranslations
 from rotavg.simulation import topology
 
 KINDS = ("complete", "erdos_renyi", "cycle", "grid", "sphere", "band")
+
+Noise = Union[float, Callable[[np.random.Generator, int], ArrayLike]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +45,10 @@ class Simulation:
 
 
 def simulate(
-    kind: str,
+    kind: str | ArrayLike,
     n: int,
     *,
-    noise: float = 0.0,
+    noise: Noise = 0.0,
     drop: float = 0.0,
     density: float = 0.1,
     outliers: float = 0.0,
@@ -61,9 +66,12 @@ def simulate(
         kind: "complete", "erdos_renyi", "cycle": uniformly random ground truth;
             "grid": a cubic lattice walked to and fro, like smallGrid3D;
             "sphere": a spiral from pole to pole with closures to the next turn, like sphere2500;
-            "band": each node joined to the next 9, with random loop closures instead of some.
+            "band": each node joined to the next 9, with random loop closures instead of some;
+            or edges (m, 2) of your own, between nodes 0 ... n - 1, on uniformly random ground
+            truth. Such a graph need not be connected.
         n: number of nodes, at least 2 (3 for a cycle).
-        noise: standard deviation of the angle, radians.
+        noise: standard deviation of the angle, radians; or a function of a generator and m, which
+            returns rotation vectors e (m, 3), radians: then R_ij = R_i^T R_j exp([e]).
         drop: fraction of the edges to leave out, drawn uniformly from those that a random
             spanning tree can spare: the graph stays connected.
         density: of "erdos_renyi": the probability of each pair to be joined, plus the few random
@@ -79,7 +87,8 @@ def simulate(
     Raises:
         GraphError: an argument out of range, or more edges to drop than can be spared.
     """
-    _check(kind, n, noise, seed)
+    own = None if isinstance(kind, str) else _own_edges(kind, n)
+    _check(kind if isinstance(kind, str) else "edges", n, noise, seed)
     for name, fraction in (
         ("drop", drop),
         ("density", density),
@@ -93,7 +102,9 @@ def simulate(
     rng = np.random.Generator(np.random.PCG64(seed))
 
     positions = frames = None
-    if kind == "complete":
+    if own is not None:
+        edges = own
+    elif kind == "complete":
         edges = topology.complete(n)
     elif kind == "erdos_renyi":
         edges = topology.erdos_renyi(n, density, rng)
@@ -111,7 +122,9 @@ def simulate(
         edges = _dropped(n, edges, drop, rng)
     m = len(edges)
     rotations = np.swapaxes(ground_truth, 1, 2)[edges[:, 0]] @ ground_truth[edges[:, 1]]
-    if noise > 0:
+    if callable(noise):
+        rotations = rotations @ matrices_from_rotvecs(as_floats(noise(rng, m), (m, 3), "noise"))
+    elif noise > 0:
         rotations = rotations @ _random_noise(m, noise, rng)
     is_outlier = np.zeros(m, dtype=np.bool_)
     if outlier_clusters > 0 and outliers > 0:
@@ -129,13 +142,28 @@ def simulate(
     return Simulation(graph, ground_truth, is_outlier, positions)
 
 
-def _check(kind: str, n: int, noise: float, seed: int) -> None:
-    if kind not in KINDS:
+def _own_edges(edges: ArrayLike, n: int) -> NDArray[np.int64]:
+    try:
+        pairs = np.asarray(edges)
+    except ValueError as error:
+        raise GraphError(f"the edges are no array of pairs: {error}") from None
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu" or not len(pairs):
+        found = f"shape {pairs.shape} and type {pairs.dtype}"
+        raise GraphError(f"the edges have {found}, expected integers (m, 2)")
+    bad = ((pairs < 0) | (pairs >= n)).any(axis=1)
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise GraphError(f"edge {row} is {tuple(pairs[row].tolist())}, expected nodes 0 to {n - 1}")
+    return pairs.astype(np.int64)
+
+
+def _check(kind: str, n: int, noise: Noise, seed: int) -> None:
+    if kind not in (*KINDS, "edges"):
         raise GraphError(f"unknown kind {kind!r}, expected one of {', '.join(KINDS)}")
     smallest = 3 if kind == "cycle" else 2
     if not isinstance(n, (int, np.integer)) or n < smallest:
         raise GraphError(f"n is {n!r}, expected an integer of at least {smallest} for {kind!r}")
-    if not 0 <= noise < np.inf:
+    if not (callable(noise) or 0 <= noise < np.inf):
         raise GraphError(f"noise is {noise}, expected a standard deviation in radians, >= 0")
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise GraphError(f"seed is {seed!r}, expected an integer >= 0")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg import _core
-from rotavg.base.arrays import read_only
+from rotavg.base.arrays import ReadOnly, read_only
 from rotavg.base.errors import GraphError, OptionError
 from rotavg.graph.ids import IdArray, as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
@@ -27,7 +27,7 @@ Loss = Literal["l2", "auto", "huber", "l1", "l_half", "cauchy", "geman_mcclure",
 
 
 @dataclass(frozen=True, eq=False)
-class PriorFit:
+class PriorFit(ReadOnly):
     """What a robust loss has made of absolute priors, or of gravity.
 
     Attributes:
@@ -54,7 +54,7 @@ class PriorFit:
 
 
 @dataclass(frozen=True, eq=False)
-class RobustFit:
+class RobustFit(ReadOnly):
     """What a robust loss has found out.
 
     The residual r of an edge is the chord 2 sin(angle / 2) of its residual angle. What is
@@ -208,7 +208,7 @@ class RobustFit:
 
 
 @dataclass(frozen=True, eq=False)
-class CycleEvidence:
+class CycleEvidence(ReadOnly):
     """What the short cycles (of three edges, or of two parallel ones) say of every edge.
 
     Attributes:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
 from rotavg.base.arrays import read_only
+from rotavg.base.html import table
 from rotavg.graph import conventions
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.node_mapping import NodeMapping
@@ -178,6 +179,28 @@ class Solution(NodeMapping):
         """What `covariances()` has found of all nodes, for files and reports; None if not asked."""
         return self.__dict__.get("_covariances")
 
+    def edges_to_dataframe(self) -> Any:
+        """A `pandas.DataFrame` of the edges, as `graph.to_dataframe()`, and what came of them.
+
+        Further columns: `residual` (radians), `final_weight` (`edge_weights`), `is_outlier`,
+        `verdict`. Needs pandas, the extra [pandas].
+        """
+        from rotavg.graph.dataframes import frame_of_edges
+
+        further = {
+            "weight": self.graph.weights,
+            "residual": self.residual_angles,
+            "final_weight": self.edge_weights,
+            "is_outlier": self.is_outlier,
+            "verdict": self.edge_verdicts,
+        }
+        return frame_of_edges(self.graph.edges, self.graph.rotations, further)
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """The certificate's verdict; None if none was asked for."""
+        return None if self.certificate is None else self.certificate.verdict
+
     @property
     def solved(self) -> bool:
         """Whether the answer is certified; converged, if no certificate was asked for."""
@@ -196,12 +219,17 @@ class Solution(NodeMapping):
         return self.num_components if self.grounded is None else self.grounded.core.num_parts
 
     def __str__(self) -> str:
+        lines = [self._head(), *(f"  {name:<11} {text}" for name, text in self._rows())]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return table(self._head(), self._rows())
+
+    def _head(self) -> str:
         n, m = self.graph.num_nodes, self.graph.num_edges
         uncertified = self.certificate is not None and self.status.converged
         head = "Solved" if self.solved else "Not certified:" if uncertified else "Not solved:"
-        lines = [f"{head} {n} rotations from {m} relative rotations, {self.timings.total:.3g} s"]
-        lines += [f"  {name:<11} {text}" for name, text in self._rows()]
-        return "\n".join(lines)
+        return f"{head} {n} rotations from {m} relative rotations, {self.timings.total:.3g} s"
 
     def _rows(self) -> list[tuple[str, str]]:
         degrees = np.degrees(self.residual_angles)
@@ -291,3 +319,6 @@ class Interrupted(KeyboardInterrupt):
     def __init__(self, solution: Solution) -> None:
         super().__init__("interrupted before the certificate was there")
         self.solution = solution
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Interrupted, (self.solution,)

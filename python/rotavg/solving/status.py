@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotavg.base.arrays import ReadOnly
+
 
 class Status(enum.Enum):
     """How the solver ended; the value is the sentence that `print` shows."""
@@ -28,7 +30,7 @@ class Status(enum.Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
+class Trace(ReadOnly):
     """The course of the iteration, (k + 1,) arrays: the initial value, then k iterations.
 
     Attributes:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.base.arrays import read_only
+from rotavg.base.arrays import ReadOnly, read_only
 from rotavg.graph.ids import IdArray
 from rotavg.graph.measurement_graph import MeasurementGraph
 
@@ -32,7 +32,7 @@ class Bundle(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Alternative:
+class Alternative(ReadOnly):
     """Another answer that the evidence does not rule out (docs/robust.md).
 
     Attributes:

@@ -1,0 +1,72 @@
+"""Measurement graphs as pandas frames, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotavg.base.errors import GraphError, require
+from rotavg.graph import conventions
+from rotavg.graph.ids import IdArray, as_edges, edge_error
+
+_QUATERNION = tuple(f"q{axis}" for axis in "xyzw")
+_ROTVEC = tuple(f"r{axis}" for axis in "xyz")
+_MATRIX = tuple(f"r{row}{column}" for row in range(3) for column in range(3))
+
+
+def arrays_from_frame(
+    frame: Any,
+) -> tuple[IdArray, NDArray[np.float64], NDArray[np.float64] | None]:
+    """Edges (m, 2), rotations (m, 3, 3) and weights (m,), if there are any, of a pandas frame."""
+    if not hasattr(frame, "columns"):
+        raise GraphError(f"found a {type(frame).__name__}, expected a pandas.DataFrame")
+    columns = {str(column) for column in frame.columns}
+    if not {"i", "j"} <= columns:
+        raise GraphError(f"the frame has the columns {_list(columns)}, expected i and j among them")
+    edges = as_edges([list(pair) for pair in zip(frame["i"].tolist(), frame["j"].tolist())])
+
+    def numbers(names: tuple[str, ...]) -> NDArray[np.float64]:
+        try:
+            return np.stack([np.asarray(frame[name], dtype=np.float64) for name in names], axis=1)
+        except (TypeError, ValueError) as error:
+            raise GraphError(f"the columns {_list(names)} are no numbers: {error}") from None
+
+    if set(_QUATERNION) <= columns:
+        quaternions = numbers(_QUATERNION)
+        bad = conventions.first_bad_quaternion(quaternions)
+        if bad is not None:
+            raise edge_error(edges, *bad)
+        rotations = conventions.matrices_from_quaternions(quaternions)
+    elif set(_ROTVEC) <= columns:
+        rotvecs = numbers(_ROTVEC)
+        finite = np.isfinite(rotvecs).all(axis=1)
+        if not finite.all():
+            k = int(np.argmin(finite))
+            found = f"the rotation vector is {rotvecs[k].tolist()}, expected finite numbers"
+            raise edge_error(edges, k, found)
+        rotations = conventions.matrices_from_rotvecs(rotvecs)
+    elif set(_MATRIX) <= columns:
+        rotations = numbers(_MATRIX).reshape(-1, 3, 3)
+    else:
+        expected = f"{_list(_QUATERNION)}, {_list(_ROTVEC)} or r00 to r22"
+        raise GraphError(f"the frame has the columns {_list(columns)}, expected {expected}")
+    weights = numbers(("weight",))[:, 0] if "weight" in columns else None
+    return edges, rotations, weights
+
+
+def frame_of_edges(
+    edges: IdArray, rotations: NDArray[np.float64], further: Mapping[str, Any]
+) -> Any:
+    """A pandas frame of edges (m, 2), their rotations (m, 3, 3) and further columns (m,)."""
+    quaternions = conventions.quaternions_from_matrices(rotations)
+    columns: dict[str, Any] = {"i": edges[:, 0], "j": edges[:, 1]}
+    columns.update((name, quaternions[:, k]) for k, name in enumerate(_QUATERNION))
+    columns.update((name, np.array(values)) for name, values in further.items())
+    return require("pandas", "pandas").DataFrame(columns)
+
+
+def _list(names: Any) -> str:
+    return " ".join(sorted(names)) if isinstance(names, set) else " ".join(names)
