@@ -13,11 +13,11 @@ from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
 from sphinx.util import logging
 
+import rotavg
+
 logger = logging.getLogger(__name__)
 
-MODULES = ("rotavg", *(f"rotavg.{name}" for name in (
-    "plot", "report", "images", "colmap", "partners", "io", "reproduce",
-)))  # fmt: skip
+MODULES = ("rotavg", *(f"rotavg.{name}" for name in sorted({*dir(rotavg)} - {*rotavg.__all__})))
 NEEDLESS = {"rotavg.__version__"}  # said in docs/stability.md
 
 

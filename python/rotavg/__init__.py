@@ -89,7 +89,7 @@ _AT_FIRST_USE = {
 
 
 # So are these modules, as rotavg.plot and so on; what they need beyond numpy are extras.
-_MODULES = ("colmap", "images", "io", "partners", "plot", "report", "reproduce")
+_MODULES = ("colmap", "distributed", "images", "io", "partners", "plot", "report", "reproduce")
 
 
 def __getattr__(name: str) -> Any:

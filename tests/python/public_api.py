@@ -21,13 +21,7 @@ from rotavg.cli.main import commands
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-MODULES = (
-    "rotavg",
-    *(
-        f"rotavg.{name}"
-        for name in ["colmap", "images", "io", "partners", "plot", "report", "reproduce"]
-    ),
-)
+MODULES = ("rotavg", *(f"rotavg.{name}" for name in sorted({*dir(rotavg)} - {*rotavg.__all__})))
 # Beside the first list of rotavg.hpp: what its functions take and return.
 CPP_STRUCTS = (
     "certify/bound.hpp",
