@@ -11,7 +11,7 @@ Convention (pose family): R_i is world_from_i, R_ij is i_from_j, and R_i R_ij = 
 radians, quaternions xyzw.
 
     MeasurementGraph    the measurements; from arrays, SciPy, NetworkX, pandas
-    read, write         files of ten formats; read_rotations, write_edges, write_covariances
+    read, write         files of many formats; read_rotations, write_edges, write_covariances
     solve               the rotations: a Solution, with a Certificate
     certify             the certificate of rotations from elsewhere
     Priors              what is known beforehand: fixed rotations, gravity, rigs

@@ -15,8 +15,9 @@ namespace rotavg {
 /// Half the distance from one to the next double: the relative error of one operation.
 constexpr double unit_roundoff = 0.5 * std::numeric_limits<double>::epsilon();
 
-/// How much rounding can have moved the matrix whose Cholesky factor `BlockCholesky<B>` has computed,
-/// known before the factorisation is made: for any A of the pattern with which it runs to its end,
+/// How much rounding can have moved the matrix whose Cholesky factor `BlockCholesky<B>` has
+/// computed, known before the factorisation is made: for any A of the pattern with which it runs to
+/// its end,
 ///
 ///     L L^T = A + E,     |x^T E x| <= sum_i bound_i a_i |x_i|^2,
 ///
