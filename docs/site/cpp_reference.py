@@ -24,10 +24,15 @@ XML = ROOT / "build" / "docs" / "doxygen" / "xml"
 KINDS = ("enum", "typedef", "variable", "function")
 
 
-def run_doxygen(app: Sphinx) -> None:
-    """Make the XML anew; Doxygen fails on a warning."""
-    XML.parent.mkdir(parents=True, exist_ok=True)
-    subprocess.run(["doxygen", "docs/site/Doxyfile"], cwd=ROOT, check=True)
+def run_doxygen(app: Sphinx | None = None, output: Path | None = None) -> None:
+    """Make the XML anew, in build/docs/doxygen or another folder; Doxygen fails on a warning."""
+    global XML
+    output = output or ROOT / "build" / "docs" / "doxygen"
+    output.mkdir(parents=True, exist_ok=True)
+    options = (ROOT / "docs" / "site" / "Doxyfile").read_text("utf-8")
+    options += f'OUTPUT_DIRECTORY = "{output}"\n'
+    subprocess.run(["doxygen", "-"], input=options, text=True, cwd=ROOT, check=True)
+    XML = output / "xml"
     compound.cache_clear()
 
 

@@ -10,8 +10,8 @@ import enum
 import importlib
 import inspect
 import re
-import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -112,14 +112,12 @@ def command_names() -> Iterator[str]:
             yield f"rotavg {name} {option}"
 
 
-def cpp_names() -> Iterator[str]:
+def cpp_names(output: Path) -> Iterator[str]:
     """Names of C++, as Doxygen finds them; see docs/site/cpp_reference.py."""
     sys.path.insert(0, str(ROOT / "docs" / "site"))
     import cpp_reference
 
-    cpp_reference.XML.parent.mkdir(parents=True, exist_ok=True)
-    subprocess.run(["doxygen", "docs/site/Doxyfile"], cwd=ROOT, check=True)
-    cpp_reference.compound.cache_clear()
+    cpp_reference.run_doxygen(output=output)
     everything = (ROOT / "cpp/include/rotavg/rotavg.hpp").read_text("utf-8")
     entry_points = re.findall(r"#include <rotavg/(.*)>", everything.partition("#ifndef")[0])
     for path in sorted({*entry_points, *CPP_STRUCTS}):
@@ -137,11 +135,12 @@ def python_text() -> str:
     return "\n".join(dict.fromkeys([*python_names(), *command_names()])) + "\n"
 
 
-def cpp_text() -> str:
-    """The content of public_api_cpp.txt."""
-    return "\n".join(cpp_names()) + "\n"
+def cpp_text(output: Path) -> str:
+    """The content of public_api_cpp.txt; Doxygen writes into the folder `output`."""
+    return "\n".join(cpp_names(output)) + "\n"
 
 
 if __name__ == "__main__":
     (HERE / "public_api.txt").write_text(python_text(), encoding="utf-8")
-    (HERE / "public_api_cpp.txt").write_text(cpp_text(), encoding="utf-8")
+    with tempfile.TemporaryDirectory() as folder:
+        (HERE / "public_api_cpp.txt").write_text(cpp_text(Path(folder)), encoding="utf-8")
