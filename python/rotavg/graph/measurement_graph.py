@@ -285,9 +285,9 @@ class MeasurementGraph:
 
         (The constructor understands these, too.) Everything else is as in the constructor.
         """
-        return cls(
+        return cls.from_quaternions(
             edges,
-            Quaternions(rotations.as_quat()),
+            rotations.as_quat(),
             weights,
             nodes,
             convention=convention,
