@@ -9,7 +9,7 @@ LEFT_OUT: tuple[tuple[str, str, str], ...] = (
         "rotation_averaging_test: unknown rigs (WithoutNoiseWithNonTrivialUnknownRig, "
         "GravityWithUnknownRigSensorsReturnsFalse, InitializeSensorFromRig*, "
         "RefineSensorFromRigFalsePreservesRig, MultiImageRigFrameDeregister*)",
-        "of the drop-in and of rigs: tests/python/test_colmap.py, test_rigs.py",
+        "of the drop-in and of rigs: tests/python/test_colmap_drop_in.py, test_rigs.py",
     ),
     (
         "COLMAP",
