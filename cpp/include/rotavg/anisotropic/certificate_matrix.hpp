@@ -12,6 +12,7 @@
 #include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
 #include <rotavg/so3/lie.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -74,8 +75,8 @@ class AnisotropicCertificateMatrix {
       for (Eigen::Index c = 0; c < X.cols(); ++c) {
         const Vector3 x_i = X.col(c).segment<3>(3 * e.i), x_j = X.col(c).segment<3>(3 * e.j);
         const Vector3 d = x_i - x_j, stretch = W_[e.edge] * d;
-        Y.col(c).segment<3>(3 * e.i) += stretch - p.cross(x_j);
-        Y.col(c).segment<3>(3 * e.j) += p.cross(x_i) - stretch;
+        Y.col(c).segment<3>(3 * e.i) += stretch - cross(p, x_j);
+        Y.col(c).segment<3>(3 * e.j) += cross(p, x_i) - stretch;
       }
     }
     return Y;

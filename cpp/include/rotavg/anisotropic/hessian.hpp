@@ -8,6 +8,7 @@
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/so3/lie.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -33,7 +34,7 @@ inline void apply_hessian(const AnisotropicResiduals& residuals, const NodeVecto
     for (const HalfEdge& h : graph.row(i)) {
       const EdgeForce& edge = residuals()[h.edge()];
       const Vector3 w_j(w(h.node, 0), w(h.node, 1), w(h.node, 2)), d = w_i - w_j;
-      const Vector3 turn = edge.p.cross(w_j);
+      const Vector3 turn = cross(edge.p, w_j);
       sum += edge.T * d;
       if (h.is_i()) {
         sum -= turn;

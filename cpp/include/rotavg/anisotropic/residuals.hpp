@@ -73,7 +73,7 @@ class AnisotropicResiduals {
       const Matrix3 G = weighted_rotation(Quaternion(e)) * M;
       force_[k].T = -symmetric_part(G);
       add_to_diagonal(force_[k].T, G.trace());
-      force_[k].p = e.w() * Hv + v.cross(Hv);
+      force_[k].p = e.w() * Hv + cross(v, Hv);
       return force_[k].cost = 4.0 * v.dot(Hv);
     });
   }
