@@ -27,7 +27,6 @@ WORK = ROOT / "build" / "wheel"
 VENDORED = {
     "libamd": "SuiteSparse-AMD.txt",
     "libsuitesparseconfig": "SuiteSparse-AMD.txt",
-    "libgomp": "libgomp.txt",
 }
 ALWAYS = ("Eigen.txt", "LICENSE", "third_party.md")
 

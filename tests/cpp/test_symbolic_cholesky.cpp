@@ -5,8 +5,8 @@
 
 #include <doctest/doctest.h>
 
-#include <rotavg/linalg/subtrees.hpp>
 #include <rotavg/linalg/eigen_minimum_degree.hpp>
+#include <rotavg/linalg/subtrees.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
 
 #include "support/blocks.hpp"

@@ -27,7 +27,8 @@ def as_floats(
 ) -> NDArray[np.float64]:
     """Copy of `values` as C-order float64 of exactly this shape; GraphError says what is wrong.
 
-    Where matrices (..., 3, 3) are expected, SciPy's `Rotation` is understood. Without `copy`, an array that is in order is handed on as it is.
+    Where matrices (..., 3, 3) are expected, SciPy's `Rotation` is understood.
+    Without `copy`, an array that is in order is handed on as it is.
     """
     try:
         if shape[-2:] == (3, 3) and hasattr(values, "as_matrix"):
