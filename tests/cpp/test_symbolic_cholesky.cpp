@@ -7,7 +7,6 @@
 
 #include <rotavg/linalg/eigen_minimum_degree.hpp>
 #include <rotavg/linalg/subtrees.hpp>
-#include <rotavg/linalg/eigen_minimum_degree.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
 
 #include "support/blocks.hpp"

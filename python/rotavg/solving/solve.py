@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
 from rotavg.base.arrays import as_floats, read_only
-from rotavg.base.errors import Error, GraphError, OptionError, SolverError
+from rotavg.base.errors import GraphError, OptionError, SolverError
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.grounded import ground
 from rotavg.priors.priors import Priors
@@ -246,9 +246,9 @@ def solve(
     except _core.InvalidPrior as error:
         assert sensors is not None
         raise sensors.error(error) from None
-    except Error:
-        raise
-    except ValueError as error:  # of the rigs: nothing is left to solve
+    except ValueError as error:
+        if sensors is None or "nothing is left to" not in str(error):
+            raise  # what a callback raises is the caller's
         raise GraphError(str(error)) from None
     rigs = None
     if sensors is not None:
