@@ -102,8 +102,7 @@ def _keep_largest(
     pose_graph: Any, label: IdArray, images: MeasurementGraph, inside: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     """Which edges (m,) are in the largest component of labels (n,); other pairs become invalid."""
-    ends = label[images.indices]
-    kept = np.isin(label, list(largest_component(ends[inside])))
+    kept = np.isin(label, list(largest_component(label, images.indices[inside])))
     active = images.nodes[kept]
     if len(active) < images.num_nodes or not inside.all():
         pose_graph.invalidate_pairs_outside_active_image_ids(set(active.tolist()))
@@ -277,8 +276,7 @@ def _filter(
     wrong = (np.degrees(angles) > limit_deg) & known[graph.indices].all(axis=1)
     for i, j in graph.edges[wrong].tolist():
         pose_graph.set_invalid_edge(pair_id_of(i, j))
-    left = frames.rows(graph.nodes)[graph.indices[~wrong]]
-    kept = largest_component(left)
+    kept = largest_component(frames.rows(graph.nodes), graph.indices[~wrong])
     if not kept:
         return False
     if len(kept) < len(found):

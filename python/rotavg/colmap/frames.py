@@ -115,12 +115,23 @@ def _place(found: Frames, rig: Any, sensor: int, sensor_id: Any, refine: bool) -
         found.rotation_of[sensor] = convert_family(rotation, "vision")
 
 
-def largest_component(pairs: NDArray[np.int64]) -> set[int]:
-    """The nodes of the largest connected component of pairs (k, 2), the first one of equals."""
-    nodes, ends = np.unique(pairs, return_inverse=True)
-    if len(nodes) == 0:
-        return set()
-    parent = list(range(len(nodes)))
+def largest_component(labels: NDArray[np.int64], pairs: NDArray[np.int32]) -> set[int]:
+    """The labels of the largest connected component, the first one of equals.
+
+    Args:
+        labels: (n,) of nodes; nodes of one label are one.
+        pairs: (k, 2) rows of nodes that are joined; those without any are in no component.
+    """
+    names, number = np.unique(labels, return_inverse=True)
+    first, second = number.reshape(-1)[pairs].reshape(-1, 2).T
+    codes = first * len(names) + second
+    if len(names) ** 2 <= 50 * len(codes):  # many pairs of few labels: no need to sort
+        seen = np.zeros(len(names) ** 2, dtype=bool)
+        seen[codes] = True
+        codes = np.flatnonzero(seen)
+    parent = list(range(len(names)))
+    joined = np.zeros(len(names), dtype=bool)
+    joined[first] = joined[second] = True
 
     def root(k: int) -> int:
         while parent[k] != k:
@@ -128,10 +139,11 @@ def largest_component(pairs: NDArray[np.int64]) -> set[int]:
             k = parent[k]
         return k
 
-    first, second = ends.reshape(-1, 2).T
-    for code in np.unique(first * len(nodes) + second).tolist():  # every pair once
-        a, b = sorted((root(code // len(nodes)), root(code % len(nodes))))
+    for code in np.unique(codes).tolist():
+        a, b = sorted((root(code // len(names)), root(code % len(names))))
         parent[b] = a
-    roots = np.array([root(k) for k in range(len(nodes))])
-    largest = int(np.argmax(np.bincount(roots)))
-    return set(nodes[roots == largest].tolist())
+    roots = np.array([root(k) for k in range(len(names))])
+    if not joined.any():
+        return set()
+    largest = int(np.argmax(np.bincount(roots[joined])))
+    return set(names[(roots == largest) & joined].tolist())
