@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <utility>
 
+#include <rotavg/graph/half_edge_rows.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/davenport.hpp>
@@ -66,11 +67,12 @@ IterationResult accelerate(const MeasurementGraph& graph, const Rotations& R, Mo
 inline IterationResult accelerated_bcd(const MeasurementGraph& graph, const Rotations& R,
                                        const IterationOptions& options = {}) {
   Monitor monitor(graph, R, options);
+  const HalfEdgeRows rows(graph);
   const auto step = [&](const Quaternions& from, const ResidualQuaternions&, Quaternions& next,
                         ResidualQuaternions& after) {
     next = from;
-    bcd_sweep(graph, next, monitor, SweepOrder::rising);
-    bcd_sweep(graph, next, monitor, SweepOrder::falling);
+    bcd_sweep(rows, next, monitor, SweepOrder::rising);
+    bcd_sweep(rows, next, monitor, SweepOrder::falling);
     after.update(next);
   };
   const auto measure = [](const Quaternions& from, const Quaternions& to) {

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <utility>
 
+#include <rotavg/graph/half_edge_rows.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/problem/davenport.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
@@ -22,18 +23,19 @@ enum class SweepOrder { rising, falling };
 /// One sweep of block coordinate descent over all nodes, in place, each with the newest values of
 /// the others. Ends early where the monitor does not let it go on.
 ///
+/// @tparam Rows MeasurementGraph or, for many sweeps, HalfEdgeRows
 /// @returns the paper's measure of the step, sum_l |R_l - R_l'| / |R_l|
-inline double bcd_sweep(const MeasurementGraph& graph, Quaternions& q, const Monitor& monitor,
-                        SweepOrder order = SweepOrder::rising) {
+template <typename Rows>
+double bcd_sweep(const Rows& rows, Quaternions& q, const Monitor& monitor,
+                 SweepOrder order = SweepOrder::rising) {
   constexpr Index nodes_between_questions = 4096;  // a sweep of a large graph takes a second
-  const Index n = graph.num_nodes();
+  const Index n = rows.num_nodes();
   double step = 0.0;
   for (Index k = 0; k < n; ++k) {
     const Index l = order == SweepOrder::rising ? k : n - 1 - k;
-    if (k + 1 < n) prefetch_row(graph, q, order == SweepOrder::rising ? l + 1 : l - 1);
-    if (graph.row(l).size() == 0) continue;             // any rotation is optimal
-    const Matrix4 K_l = davenport_matrix(graph, q, l);  // (10)
-    const Quaternion q_l = loso(K_l, q[l]);             // (11), Algorithm 1
+    if (rows.row(l).size() == 0) continue;             // any rotation is optimal
+    const Matrix4 K_l = davenport_matrix(rows, q, l);  // (10)
+    const Quaternion q_l = loso(K_l, q[l]);            // (11), Algorithm 1
     step += chordal_distance(q_l, q[l]) / std::sqrt(3.0);
     q[l] = q_l;
     if (k % nodes_between_questions == 0 && !monitor.keep_going()) break;
@@ -56,9 +58,10 @@ inline IterationResult bcd(const MeasurementGraph& graph, const Rotations& R,
   Monitor monitor(graph, R, options);
   Quaternions q = to_quaternions(R);
   ResidualQuaternions residuals(graph, q, monitor.num_threads());
+  const HalfEdgeRows rows(graph);
   double step = 0.0;
   while (!monitor.should_stop(residuals.objective(), residuals.gradient_norm(), step)) {
-    step = bcd_sweep(graph, q, monitor);
+    step = bcd_sweep(rows, q, monitor);
     residuals.update(q);
   }
   return std::move(monitor).result(to_rotations(q, R));
