@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg import _text
+import rotavg._text as _text
 from rotavg.graph.ids import IdArray
 from rotavg.io.lines import BYTE_ORDER_MARK, exactly
 
