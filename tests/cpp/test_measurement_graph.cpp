@@ -10,6 +10,7 @@
 #include <rotavg/graph/algebraic_connectivity.hpp>
 #include <rotavg/graph/breadth_first.hpp>
 #include <rotavg/graph/components.hpp>
+#include <rotavg/graph/half_edge_rows.hpp>
 #include <rotavg/graph/laplacian.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 
@@ -233,6 +234,27 @@ TEST_CASE("bad quaternions are refused") {
   refused({0.0, 0.0, 0.0, 0.0}, "edge 1: the quaternion is zero");
   refused({1.0, not_a_number, 0.0, 0.0}, "NaN or an infinity");
   refused({infinity, 0.0, 0.0, 0.0}, "NaN or an infinity");
+}
+
+TEST_CASE("rows of half-edges one behind the other are those of the graph") {
+  Random random;
+  INFO(random.replay());
+  for (int k = 0; k < 50; ++k) {
+    const MeasurementGraph graph = scattered_graph(random);
+    const HalfEdgeRows rows(graph);
+    REQUIRE(rows.num_nodes() == graph.num_nodes());
+    for (Index l = 0; l < graph.num_nodes(); ++l) {
+      REQUIRE(rows.row(l).size() == graph.row(l).size());
+      auto expected = graph.row(l).begin();
+      for (const HalfEdge& h : rows.row(l)) {
+        const HalfEdge e = *expected;
+        ++expected;
+        REQUIRE(h.node == e.node);
+        REQUIRE(h.edge_and_end == e.edge_and_end);
+        REQUIRE(h.node_from_l.coeffs() == e.node_from_l.coeffs());
+      }
+    }
+  }
 }
 
 TEST_CASE("an edge takes 64 bytes") {

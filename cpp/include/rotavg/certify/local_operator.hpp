@@ -4,12 +4,15 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <random>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Core>
 
 #include <rotavg/certify/certificate_matrix.hpp>
+#include <rotavg/graph/half_edge_rows.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/parallel/threads.hpp>
@@ -27,7 +30,7 @@ namespace rotavg {
 /// of the iterations that factorise nothing. Its spectrum lies below 2.
 ///
 /// It works in local frames, where S = Lambda(R) - Rt has the measurements themselves beside the
-/// diagonal: they are read in order, once per product, and nothing else of the edges is kept. And
+/// diagonal: they are read in order, once per product, from rows of their own. And
 /// it works on z = D^-1/2 y, C columns side by side, in the inner product z^T D z = |y|^2.
 ///
 /// @tparam C columns
@@ -40,8 +43,12 @@ class LocalOperator {
 
   /// @param S must outlive this object
   /// @param q world_from_i, of every node of the graph: where S was taken
-  LocalOperator(const CertificateMatrix& S, const Quaternions& q)
-      : S_(S), num_threads_(S.residuals().num_threads()) {
+  /// @param rows those of the graph, where another operator has them already
+  LocalOperator(const CertificateMatrix& S, const Quaternions& q,
+                std::shared_ptr<const HalfEdgeRows> rows = nullptr)
+      : S_(S),
+        num_threads_(S.residuals().num_threads()),
+        rows_(rows ? std::move(rows) : std::make_shared<const HalfEdgeRows>(S.graph())) {
     nodes_.resize(S.nodes().size());
     for (Index a = 0; a < S.num_nodes(); ++a) {
       const Index i = S.nodes()[a];
@@ -52,6 +59,7 @@ class LocalOperator {
   }
 
   Index num_nodes() const { return S_.num_nodes(); }
+  const std::shared_ptr<const HalfEdgeRows>& rows() const { return rows_; }
   /// Of the complement.
   Eigen::Index dimension() const { return S_.size() - 3; }
 
@@ -73,11 +81,8 @@ class LocalOperator {
     parallel_for(num_nodes(), num_threads_, [&](Index a) {
       const Node& node = nodes_[a];
       Block sum = Block::Zero();
-      const auto half_edges = S_.graph().row(S_.nodes()[a]);
-      for (const HalfEdge& h : half_edges) {
-        prefetch(&z[row[h.node]]);
-        prefetch(&S_.graph().quaternion_edges()[h.edge()]);
-      }
+      const HalfEdgeRows::Row half_edges = rows_->row(S_.nodes()[a]);
+      for (const HalfEdge& h : half_edges) prefetch(&z[row[h.node]]);
       for (const HalfEdge& h : half_edges) {
         add_product(MeasurementGraph::block(h), z[row[h.node]], sum);
       }
@@ -178,6 +183,7 @@ class LocalOperator {
 
   const CertificateMatrix& S_;
   int num_threads_;
+  std::shared_ptr<const HalfEdgeRows> rows_;
   std::vector<Node> nodes_;
   double total_degree_ = 0.0;
 };

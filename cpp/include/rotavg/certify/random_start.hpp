@@ -142,7 +142,7 @@ class RandomStart {
   }
 
   double estimate() {
-    const LocalOperator<1> single(S_, q_);
+    const LocalOperator<1> single(S_, q_, operator_.rows());
     using Single = LocalOperator<1>::Vectors;
     const Index n = single.num_nodes();
     Single z(static_cast<std::size_t>(n)), Mz(z);

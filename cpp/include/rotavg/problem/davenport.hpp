@@ -66,9 +66,12 @@ class DavenportSum {
 /// that for a unit q
 ///
 ///     tr(A_l R(q)) = deg_l - 4 q^T K_l q.
-inline Matrix4 davenport_matrix(const MeasurementGraph& graph, const Quaternions& q, Index l) {
+///
+/// @tparam Rows MeasurementGraph or HalfEdgeRows
+template <typename Rows>
+Matrix4 davenport_matrix(const Rows& rows, const Quaternions& q, Index l) {
   DavenportSum K;
-  for (const HalfEdge& h : graph.row(l)) K.add(q[h.node], h.node_from_l);  // R_l ~ R_q R_ql
+  for (const HalfEdge& h : rows.row(l)) K.add(q[h.node], h.node_from_l);  // R_l ~ R_q R_ql
   return K.matrix();
 }
 

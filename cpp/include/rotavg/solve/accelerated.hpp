@@ -6,6 +6,7 @@
 #include <utility>
 
 #include <rotavg/graph/coloring.hpp>
+#include <rotavg/graph/half_edge_rows.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/davenport.hpp>
@@ -69,14 +70,15 @@ inline IterationResult accelerated_bcd(const MeasurementGraph& graph, const Rota
                                        const IterationOptions& options = {},
                                        const Coloring* coloring = nullptr) {
   Monitor monitor(graph, R, options);
+  const HalfEdgeRows rows(graph);
   const auto step = [&](const Quaternions& from, const ResidualQuaternions&, Quaternions& next,
                         ResidualQuaternions& after) {
     next = from;
     for (const SweepOrder order : {SweepOrder::rising, SweepOrder::falling}) {
       if (coloring) {
-        bcd_sweep(graph, *coloring, next, monitor, order);
+        bcd_sweep(rows, *coloring, next, monitor, order);
       } else {
-        bcd_sweep(graph, next, monitor, order);
+        bcd_sweep(rows, next, monitor, order);
       }
     }
     after.update(next);

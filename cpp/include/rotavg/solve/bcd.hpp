@@ -4,6 +4,7 @@
 #include <utility>
 
 #include <rotavg/graph/coloring.hpp>
+#include <rotavg/graph/half_edge_rows.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/parallel/threads.hpp>
@@ -25,18 +26,19 @@ enum class SweepOrder { rising, falling };
 /// One sweep of block coordinate descent over all nodes, in place, each with the newest values of
 /// the others. Ends early where the monitor does not let it go on.
 ///
+/// @tparam Rows MeasurementGraph or, for many sweeps, HalfEdgeRows
 /// @returns the paper's measure of the step, sum_l |R_l - R_l'| / |R_l|
-inline double bcd_sweep(const MeasurementGraph& graph, Quaternions& q, const Monitor& monitor,
-                        SweepOrder order = SweepOrder::rising) {
+template <typename Rows>
+double bcd_sweep(const Rows& rows, Quaternions& q, const Monitor& monitor,
+                 SweepOrder order = SweepOrder::rising) {
   constexpr Index nodes_between_questions = 4096;  // a sweep of a large graph takes a second
-  const Index n = graph.num_nodes();
+  const Index n = rows.num_nodes();
   double step = 0.0;
   for (Index k = 0; k < n; ++k) {
     const Index l = order == SweepOrder::rising ? k : n - 1 - k;
-    if (k + 1 < n) prefetch_row(graph, q, order == SweepOrder::rising ? l + 1 : l - 1);
-    if (graph.row(l).size() == 0) continue;             // any rotation is optimal
-    const Matrix4 K_l = davenport_matrix(graph, q, l);  // (10)
-    const Quaternion q_l = loso(K_l, q[l]);             // (11), Algorithm 1
+    if (rows.row(l).size() == 0) continue;             // any rotation is optimal
+    const Matrix4 K_l = davenport_matrix(rows, q, l);  // (10)
+    const Quaternion q_l = loso(K_l, q[l]);            // (11), Algorithm 1
     step += chordal_distance(q_l, q[l]) / std::sqrt(3.0);
     q[l] = q_l;
     if (k % nodes_between_questions == 0 && !monitor.keep_going()) break;
@@ -45,20 +47,21 @@ inline double bcd_sweep(const MeasurementGraph& graph, Quaternions& q, const Mon
 }
 
 /// The same by colours: the nodes of one at once, which gives what one after the other would.
-inline double bcd_sweep(const MeasurementGraph& graph, const Coloring& coloring, Quaternions& q,
-                        const Monitor& monitor, SweepOrder order = SweepOrder::rising) {
+template <typename Rows>
+double bcd_sweep(const Rows& rows, const Coloring& coloring, Quaternions& q, const Monitor& monitor,
+                 SweepOrder order = SweepOrder::rising) {
   double step = 0.0;
   for (Index k = 0; k < coloring.num_colors() && monitor.keep_going(); ++k) {
     const Index c = order == SweepOrder::rising ? k : coloring.num_colors() - 1 - k;
     const Index* const nodes = coloring.node.data() + coloring.start[c];
     const Index size = coloring.start[c + 1] - coloring.start[c];
-    const double share = static_cast<double>(size) / graph.num_nodes();
+    const double share = static_cast<double>(size) / rows.num_nodes();
     const int num_threads =
-        threads_for(monitor.num_threads(), share * work_of_pass * 2.0 * graph.num_edges());
+        threads_for(monitor.num_threads(), share * work_of_pass * 2.0 * rows.num_edges());
     step += block_sum<double>(size, num_threads, [&](Index a) {
       const Index l = nodes[a];
-      if (graph.row(l).size() == 0) return 0.0;
-      const Quaternion q_l = loso(davenport_matrix(graph, q, l), q[l]);  // (10), (11)
+      if (rows.row(l).size() == 0) return 0.0;
+      const Quaternion q_l = loso(davenport_matrix(rows, q, l), q[l]);  // (10), (11)
       const double distance = chordal_distance(q_l, q[l]) / std::sqrt(3.0);
       q[l] = q_l;
       return distance;
@@ -84,9 +87,10 @@ inline IterationResult bcd(const MeasurementGraph& graph, const Rotations& R,
   Monitor monitor(graph, R, options);
   Quaternions q = to_quaternions(R);
   ResidualQuaternions residuals(graph, q, monitor.num_threads());
+  const HalfEdgeRows rows(graph);
   double step = 0.0;
   while (!monitor.should_stop(residuals.objective(), residuals.gradient_norm(), step)) {
-    step = coloring ? bcd_sweep(graph, *coloring, q, monitor) : bcd_sweep(graph, q, monitor);
+    step = coloring ? bcd_sweep(rows, *coloring, q, monitor) : bcd_sweep(rows, q, monitor);
     residuals.update(q);
   }
   return std::move(monitor).result(to_rotations(q, R));
