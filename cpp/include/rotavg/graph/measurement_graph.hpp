@@ -124,6 +124,7 @@ class MeasurementGraph {
     }
     std::sort(ids.begin(), ids.end());
     ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
+    ids.shrink_to_fit();
     return ids;
   }
 
