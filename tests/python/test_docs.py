@@ -32,7 +32,7 @@ MAKES = {
     "tutorial.md": "residuals.png",
 }
 # Options of other programs, or of all commands.
-OF_OTHERS = {"--help", "--version", "--from-sdist"}
+OF_OTHERS = {"--load", "--help", "--version", "--from-sdist"}
 # Photographs are not made up quickly: test_examples.py runs much the same program.
 ELSEWHERE = {"photographs.md"}
 
