@@ -42,7 +42,7 @@ def test_the_lists_hold_what_the_readme_uses() -> None:
     for block in re.findall(r"```python\n(.*?)```", readme, re.DOTALL):
         for name in re.findall(r"rotavg\.([\w.]+)\(", block):
             started = (f"rotavg.{name}(", f"rotavg.{name}.")  # or, of a dataclass, its fields
-                assert any(line.startswith(started) for line in listed), name
+            assert any(line.startswith(started) for line in listed), name
 
 
 def test_the_version_stands_in_one_place_and_the_rest_follows() -> None:
