@@ -89,9 +89,6 @@ class Fields {
     return true;
   }
 
-  /// Whether all fields were taken.
-  bool all_taken() const { return separator_ == ' ' ? at_ == end_ : ended_; }
-
  private:
   void skip_blanks() {
     while (at_ < end_ && is_blank(*at_)) ++at_;

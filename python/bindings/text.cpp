@@ -87,7 +87,7 @@ py::object read(const py::bytes& data, std::int64_t first, std::int64_t skip, ch
   if (PyBytes_AsStringAndSize(data.ptr(), &text, &size) != 0) throw py::error_already_set();
   std::vector<Kind> wanted;
   for (const auto& [tag, columns] : kinds) wanted.push_back({tag, columns});
-  const int threads = rotavg::resolve_num_threads(num_threads, static_cast<int>(size >> 10));
+  const int threads = rotavg::resolve_num_threads(num_threads);
   Parts parts;
   {
     const py::gil_scoped_release release;
@@ -126,7 +126,7 @@ py::bytes write(const Array<std::int64_t>& integers, const Array<double>& number
   table.numbers = numbers.data();
   table.num_numbers = static_cast<std::size_t>(numbers.shape(1));
   const auto rows = static_cast<std::size_t>(numbers.shape(0));
-  const int threads = rotavg::resolve_num_threads(num_threads, static_cast<int>(rows));
+  const int threads = rotavg::resolve_num_threads(num_threads);
   std::vector<std::string> parts;
   std::size_t size = 0;
   {

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cmath>
 #include <functional>
+#include <stdexcept>
 #include <thread>
 #include <vector>
 
@@ -153,4 +154,22 @@ TEST_CASE("little work gets one thread, much work as many as were asked for") {
   CHECK(rotavg::threads_for(1, 1e12) == 1);
   CHECK(rotavg::threads_for(5, 1e12) == 5);
   CHECK(rotavg::threads_for(5, 0.0) == 1);
+}
+
+TEST_CASE("what a task throws is thrown where the tasks were called, and the team goes on") {
+  for (const int num_threads : {1, 2, 4}) {
+    for (const Index bad : {0, 17, 99}) {
+      CAPTURE(num_threads);
+      CAPTURE(bad);
+      CHECK_THROWS_AS(rotavg::parallel_for(100, num_threads,
+                                           [&](Index k) {
+                                             if (k == bad) throw std::runtime_error("mine");
+                                           }),
+                      std::runtime_error);
+      std::vector<int> done(1000, 0);
+      rotavg::parallel_for(1000, num_threads,
+                           [&](Index k) { done[static_cast<std::size_t>(k)] += 1; });
+      CHECK(done == std::vector<int>(1000, 1));
+    }
+  }
 }

@@ -203,7 +203,7 @@ TEST_CASE("weights that are too many, too few or out of bounds are refused and c
   priors.absolute = {{1, random.rotation(), 2.0}};
   priors.gravity = {{3, Vector3::UnitX(), 3.0}};
   GroundedGraph problem(given, priors);
-  const std::vector<double> before = weights_of(problem.graph());
+  const std::vector<double> before = problem.graph().weights();
   const std::vector<std::vector<double>> wrong = {{}, {1.0, 1.0, 1.0}, {1.0, 1.0, 1.0, 1.0, 1.0}};
   for (const auto& weights : wrong) {
     CHECK_THROWS_AS(problem.set_weights(weights), std::invalid_argument);
@@ -213,12 +213,12 @@ TEST_CASE("weights that are too many, too few or out of bounds are refused and c
   CHECK_THROWS_AS(problem.set_prior_weights({5.0}, {}), std::invalid_argument);
   CHECK_THROWS_AS(problem.set_prior_weights({5.0, 5.0, 5.0}, {5.0}), std::invalid_argument);
   CHECK_THROWS_AS(problem.set_prior_weights({5.0}, {0.0}), InvalidPrior);
-  CHECK(weights_of(problem.graph()) == before);
-  CHECK(problem.weights() == weights_of(given));
+  CHECK(problem.graph().weights() == before);
+  CHECK(problem.weights() == given.weights());
   CHECK(problem.priors().absolute[0].weight == 2.0);
   problem.set_weights({2.0, 3.0, 4.0, 5.0});
   problem.set_prior_weights({6.0}, {7.0});
-  CHECK(weights_of(problem.graph()) == std::vector<double>{2.0, 3.0, 4.0, 6.0, 7.0, 7.0});
+  CHECK(problem.graph().weights() == std::vector<double>{2.0, 3.0, 4.0, 6.0, 7.0, 7.0});
   CHECK(problem.weights()[3] == 5.0);
 
   ReducedGraph reduced(given, Riding::alone(4), {{0, 3}});

@@ -88,7 +88,7 @@ TEST_CASE("the robust objective of l2 is f, and its gradient that of the weighte
   INFO(random.replay());
   MeasurementGraph graph(test::simulate(random, test::complete(7), 0.6));
   const Rotations R = random.rotations(7);
-  const std::vector<double> given = weights_of(graph);
+  const std::vector<double> given = graph.weights();
   std::vector<double> x;
   const auto value = [&](const Rotations& at, const RobustLoss& loss) {
     graph.set_weights(given);
@@ -164,7 +164,7 @@ TEST_CASE("a sweep of votes never lets the objective rise, and frees a node that
   Random random;
   INFO(random.replay());
   const auto [graph, truth, is_wrong] = contaminated(random, test::complete(30), 0.02, 0.5);
-  const std::vector<double> weights = weights_of(graph);
+  const std::vector<double> weights = graph.weights();
   const RobustLoss loss{Loss::geman_mcclure, 0.06};
   Quaternions q = to_quaternions(truth);
   for (Index i = 0; i < 10; ++i) q[i] = to_quaternion(random.rotation());

@@ -43,7 +43,7 @@ double turn(const Rotations& R, const Rotations& truth) {
 double value(const MeasurementGraph& graph, const Rotations& R, const RobustLoss& loss) {
   std::vector<double> x;
   squared_residuals(ResidualQuaternions(graph, to_quaternions(R), 1), x);
-  return robust_objective(weights_of(graph), x, loss, {}, 1);
+  return robust_objective(graph.weights(), x, loss, {}, 1);
 }
 
 constexpr Loss all_losses[] = {Loss::automatic, Loss::huber,         Loss::l1,

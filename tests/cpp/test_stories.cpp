@@ -113,7 +113,7 @@ TEST_CASE("overlap is the weighted Jaccard index over triangles that agree") {
   for (RelativeRotation& m : measurements) m.weight = random.uniform(0.5, 3.0);
   measurements[5].i_from_j = random.rotation();
   const MeasurementGraph graph(measurements);
-  const std::vector<double> weights = weights_of(graph);
+  const std::vector<double> weights = graph.weights();
   const std::vector<double> overlap = Neighbourhoods(graph).overlap(weights);
   std::vector<double> w(n * n, 0.0);
   for (Index k = 0; k < graph.num_edges(); ++k) {

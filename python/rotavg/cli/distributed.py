@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Callable, TypeVar
@@ -88,7 +89,6 @@ def solve_in_parts(
         **{name: settings[name] for name in ("tolerance", "time_limit", "loss", "seed")},
         "certificate_tolerance": settings["certificate_tolerance"],
     }
-    distributed = require("distributed", "distributed")
     source: Any = input_path if input_path.is_dir() else rotavg.read(input_path)
     with NowAndThen("reading and dividing the graph") as told:
 
@@ -98,15 +98,17 @@ def solve_in_parts(
                 f"relative gradient {r.relative_gradient:.1e}"
             )
 
-        with _client(distributed, scheduler) as client:
-            solution = solve(
+        with (
+            _client(scheduler) as client,
+            solve(
                 source,
                 client=client,
                 parts=parts,
                 certify=not no_certify,
                 callback=tell,
                 **known,
-            )
+            ) as solution,
+        ):
             if output is not None:
                 solution.write(output)
             if as_json:
@@ -118,10 +120,11 @@ def solve_in_parts(
     return 0 if solution.solved else 1
 
 
-def _client(distributed: Any, scheduler: str | None) -> Any:
+def _client(scheduler: str | None) -> Any:
+    """That of a running cluster; or None, for processes that end with the solution."""
     if scheduler is None:
-        cluster = distributed.LocalCluster(threads_per_worker=1, dashboard_address=":0")
-        return distributed.Client(cluster)
+        return nullcontext()
+    distributed = require("distributed", "distributed")
     try:
         return distributed.Client(scheduler, timeout="10s")
     except (OSError, ValueError) as error:

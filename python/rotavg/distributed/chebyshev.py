@@ -60,6 +60,7 @@ class Told:
         leftover, leftover_rounding: see `Operator`.
         rounding: of a product with M, for a vector of length one.
         num_nodes, num_edges: of the graph.
+        least_degree: of a node.
     """
 
     degrees: NDArray[np.float64]
@@ -68,6 +69,7 @@ class Told:
     rounding: float
     num_nodes: int
     num_edges: int
+    least_degree: float
 
     @staticmethod
     def joined(parts: Sequence[Told]) -> Told:
@@ -80,6 +82,7 @@ class Told:
             math.sqrt(sum(part.rounding**2 for part in parts)),
             sum(part.num_nodes for part in parts),
             sum(part.num_edges for part in parts),
+            min(part.least_degree for part in parts),
         )
 
 
@@ -121,6 +124,8 @@ class Chebyshev:
 
     def run(self, theta: float, probability: float, seed: int, max_products: int) -> Outcome:
         """Whether no eigenvalue of M is below a cut of theta / 8, but for the probability."""
+        if probability <= 0.0:
+            return Outcome()
         tau = min(0.9 * theta, 1.0)
         cut = 0.125 * tau
         eta = math.acosh(1.0 + 2.0 * (tau - cut) / (2.0 - tau))

@@ -73,7 +73,7 @@ def _certificate(
         else:
             shortfall, lambda_min = Shortfall.UNDECIDED, math.nan
             if outcome.is_negative(proof):
-                shortfall, lambda_min = Shortfall.NEGATIVE, outcome.quotient * told.degrees.min()
+                shortfall, lambda_min = Shortfall.NEGATIVE, outcome.quotient * told.least_degree
     verdict = Verdict.PROVED if relative <= tolerance else Verdict.NOT_CERTIFIED
     whole = (verdict, lambda_min, gap, relative, method, chance, shortfall)
     return Certificate(*whole, tolerance, (ComponentCertificate(*whole),))
@@ -90,6 +90,7 @@ def _told(part: Part, operator: Operator, count: int) -> Told:
         operator.rounding,
         part.num_own,
         int(np.count_nonzero(part.counted)),
+        float(operator.degree.min(initial=np.inf)),
     )
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotavg.base.errors import GraphError
 from rotavg.distributed.part import Part, Rotations, degrees
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving.solve import solve
@@ -65,7 +66,10 @@ def solve_alone_robustly(part: Part) -> tuple[Rotations, float, float, float]:
 
 def common_loss(told: Sequence[tuple[float, float, float]]) -> Loss:
     """That of the median part."""
-    scale, noise, weight = np.nanmedian(np.array(told), axis=0)
+    known = np.array([one for one in told if np.isfinite(one).all()])
+    if len(known) == 0:
+        raise GraphError("no part has an edge of its own: take fewer parts")
+    scale, noise, weight = np.median(known, axis=0)
     return Loss(float(scale), float(noise), float(weight))
 
 

@@ -28,6 +28,7 @@ from rotavg.distributed.robust import (
 from rotavg.distributed.rounds import Callback, Round, Rounds
 from rotavg.distributed.solution import DistributedSolution, RobustFit
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.solving import options
 
 Chunk = Callable[[], Union[MeasurementGraph, Edges]]
 MOST_REWEIGHTINGS = 60
@@ -80,10 +81,19 @@ def solve(
         OptionError: for an option out of range.
         MissingExtraError: without the extra [distributed].
     """
-    if parts is not None and parts < 1:
-        raise OptionError(f"parts is {parts}, expected one or more")
-    if not tolerance > 0:
-        raise OptionError(f"tolerance is {tolerance}, expected a positive number")
+    if parts is not None:
+        parts = options.whole("parts", parts, 1, 2**31 - 1)
+    limits = Limits(
+        options.nonnegative("tolerance", tolerance),
+        options.whole("max_rounds", max_rounds, 0, 2**31 - 1),
+        options.seconds(time_limit),
+        callback,
+    )
+    proof: dict[str, Any] = {
+        "tolerance": options.nonnegative("certificate_tolerance", certificate_tolerance),
+        "probability": options.probability("failure_probability", failure_probability),
+        "seed": options.whole("seed", seed, 0, 2**31 - 1),
+    }
     if loss not in ("l2", "auto"):
         raise OptionError(f"loss is {loss!r}, expected 'l2' or 'auto'")
     with ExitStack() as processes:
@@ -98,7 +108,6 @@ def solve(
             raise GraphError("there is nothing to solve: no edge was given")
         network, pieces, num_pieces = build(cluster, chunks, parts, owners)
         rounds = Rounds(network, pieces, num_pieces)
-        limits = Limits(tolerance, max_rounds, time_limit, callback)
         if loss == "auto":
             trace, reason, robust = _robustly(rounds, limits, seed)
         else:
@@ -107,7 +116,7 @@ def solve(
         sizes = network.gather(network.each(_sizes))
         certificate = None
         if certify:
-            certificate = prove(rounds, certificate_tolerance, failure_probability, seed)
+            certificate = prove(rounds, **proof)
         return DistributedSolution(
             objective=trace[-1].objective,
             relative_gradient=trace[-1].relative_gradient,

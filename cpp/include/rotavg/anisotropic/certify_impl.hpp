@@ -96,7 +96,8 @@ inline ComponentBound bound_component(EdgeSplits& splits, const Components& comp
     if (k >= most || !improvement->step(S)) break;
   }
   if (definite.is_definite) return definite;
-  Elimination whole(splits.residuals().graph().scalar(), components, component, /*skipped=*/0);
+  Elimination whole(splits.residuals().graph().scalar(), components, component, /*skipped=*/0,
+                    elimination.num_threads());
   if (!best || stopped() || !is_possible(whole)) return {};
   ComponentBound bound =
       bound_by_shifted_factorization(AnisotropicCertificateMatrix(*best, components, component),
@@ -137,7 +138,8 @@ ROTAVG_INLINE Certificate certify(const AnisotropicGraph& graph, const Rotations
 ROTAVG_INLINE Certificate certify(const AnisotropicGraph& graph, const Rotations& given,
                                   const CertificateOptions& options) {
   const Components components = connected_components(graph.scalar());
-  std::vector<Elimination> eliminations = grounded_eliminations(graph.scalar(), components);
+  std::vector<Elimination> eliminations =
+      grounded_eliminations(graph.scalar(), components, resolve_num_threads(options.num_threads));
   return certify(graph, checked_rotations(graph.scalar(), given), components, eliminations,
                  options);
 }

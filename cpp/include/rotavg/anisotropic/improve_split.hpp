@@ -33,7 +33,9 @@ class SplitImprovement {
  public:
   /// @param splits, elimination (of the component, without its root) must outlive this object
   SplitImprovement(EdgeSplits& splits, Elimination& elimination)
-      : splits_(splits), elimination_(elimination), cholesky_(elimination.symbolic()) {}
+      : splits_(splits),
+        elimination_(elimination),
+        cholesky_(elimination.symbolic(), elimination.num_threads()) {}
 
   /// The smallest eigenvalue of S_r relative to the scale, about; NaN before it is known.
   double value() const { return value_; }

@@ -39,7 +39,8 @@ class AnisotropicMetric {
     factors_.clear();
     for (Elimination& elimination : eliminations_) {
       if (elimination.size() == 0) continue;
-      factors_.push_back({&elimination, BlockCholesky<3>(elimination.symbolic())});
+      factors_.push_back(
+          {&elimination, BlockCholesky<3>(elimination.symbolic(), elimination.num_threads())});
       const auto outcome = factors_.back().cholesky.factorize(
           hessian_blocks(residuals, elimination, /*with_turns=*/false), 0.0, keep_going);
       if (outcome != CholeskyOutcome::positive_definite) return outcome;

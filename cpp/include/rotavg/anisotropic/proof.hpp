@@ -38,7 +38,7 @@ inline ComponentBound bound_by_grounded_factorization(const AnisotropicCertifica
                                                       Elimination& elimination, double largest_mu,
                                                       const std::function<bool()>& keep_going) {
   ComponentBound bound;
-  BlockCholesky<3> cholesky(elimination.symbolic());
+  BlockCholesky<3> cholesky(elimination.symbolic(), elimination.num_threads());
   const std::vector<double> rounding = cholesky_rounding(*elimination.symbolic(), 3);
   std::vector<double> mu(static_cast<std::size_t>(S.num_nodes()), 0.0), shift(mu);
   auto outcome = CholeskyOutcome::not_positive_definite;
@@ -96,7 +96,7 @@ inline ComponentBound bound_by_shifted_factorization(const AnisotropicCertificat
                                                      const std::function<bool()>& keep_going) {
   constexpr double growth = 1.5, most = 8.0;
   ComponentBound bound;
-  BlockCholesky<3> cholesky(elimination.symbolic());
+  BlockCholesky<3> cholesky(elimination.symbolic(), elimination.num_threads());
   const std::vector<double> rounding = cholesky_rounding(*elimination.symbolic(), 3);
   std::vector<double> diagonal(static_cast<std::size_t>(S.num_nodes()));
   double scales = 0.0;

@@ -19,6 +19,7 @@
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/init/chordal.hpp>
+#include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/gauge.hpp>
 #include <rotavg/reduction/reduced_graph.hpp>
@@ -42,7 +43,8 @@ class AnisotropicRun {
       : graph_(graph),
         options_(options),
         components_(connected_components(graph.scalar())),
-        eliminations_(grounded_eliminations(graph.scalar(), components_)) {}
+        eliminations_(grounded_eliminations(graph.scalar(), components_,
+                                            resolve_num_threads(options.iteration.num_threads))) {}
 
   Solution operator()(std::optional<Rotations> start) {
     Solution solution;
@@ -83,8 +85,7 @@ class AnisotropicRun {
     }
     constexpr double rough_tolerance = 1e-4;
     SolveOptions rough = options_;
-    rough.certify =
-        options_.certify && options_.method == Method::automatic ? false : rough.certify;
+    if (options_.method == Method::automatic) rough.certify = false;
     rough.iteration.stop = StopRule::gradient;
     rough.iteration.tolerance = std::max(options_.iteration.tolerance, rough_tolerance);
     Solution scalar = rotavg::solve(graph_.scalar(), rough);

@@ -21,7 +21,7 @@ namespace rotavg {
 /// - the factorisation of S, where it is quick, or costs at most a few times what a random start
 ///   would: it is the surest, and the only one that graphs with long thin parts allow;
 /// - the connectivity, which takes 1/27 of that at most, on dense graphs;
-/// - a random start, whose proof has a stated probability; all threads, and no memory to speak of;
+/// - a random start, whose proof has a stated probability; all threads, and 80 bytes an edge;
 /// - where that is inconclusive, the factorisation after all, if it fits into memory and the limit;
 /// - and where nothing else is left, a short estimate.
 class ComponentBounds {

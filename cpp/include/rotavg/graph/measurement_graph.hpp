@@ -179,9 +179,6 @@ class MeasurementGraph {
   double min_weight_ = std::numeric_limits<double>::infinity();
 };
 
-/// (m,) the weights of the edges.
-inline std::vector<double> weights_of(const MeasurementGraph& graph) { return graph.weights(); }
-
 }  // namespace rotavg
 
 #pragma GCC diagnostic pop

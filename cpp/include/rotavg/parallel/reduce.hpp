@@ -11,8 +11,7 @@
 namespace rotavg {
 
 /// Sum of term(k) for k = 0 … count-1. Each block of 64 terms is summed in order by one thread and
-/// the block sums are added in order, so the result has the same bits for any number of threads
-/// (OpenMP's own `reduction(+)` does not promise that).
+/// the block sums are added in order, so the result has the same bits for any number of threads.
 ///
 /// `Value` needs a default constructor that makes zero, and operator+=.
 template <typename Value, typename Term>

@@ -1,10 +1,12 @@
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <ctime>
+#include <exception>
 #include <memory>
 #include <mutex>
 #include <system_error>
@@ -56,15 +58,17 @@ class Team {
   }
 
   /// Calls task(k) for k = 0 … count-1, on at most `num_threads` threads; and, now and then on the
-  /// calling thread while it has nothing else to do, idle(). Calls must not throw. What a task
-  /// calls in turn stays on its thread.
+  /// calling thread while it has nothing else to do, idle(). What one of them throws is thrown here
+  /// once all that were begun have ended. What a task calls in turn stays on its thread.
   template <typename Task, typename Idle>
   void run(Index count, int num_threads, const Task& task, const Idle& idle) {
+    num_threads = static_cast<int>(std::min<Index>(num_threads, count));
     Job job(&task, call<Task>, count, num_threads - 1);
     const bool alone = num_threads <= 1 || count <= 1 || is_busy();
     const auto before = alone ? Clock::time_point{} : Clock::now();
     if (alone || before < alone_until_) {
       job.work();
+      job.rethrow();
       return;
     }
     hire(num_threads - 1);
@@ -73,11 +77,12 @@ class Team {
     const auto posted = Clock::now();
     job.work();
     const auto done = Clock::now();
-    state_->finish(idle);
+    state_->finish([&] { job.guarded(idle); });
     const auto after = Clock::now();
     is_busy() = false;
     const Clock::duration lost = (posted - before) + (after - done) - Clock::duration(job.helped);
     if (lost > Clock::duration::zero()) alone_until_ = after + 20 * lost;
+    job.rethrow();
   }
 
  private:
@@ -101,7 +106,22 @@ class Team {
       helped += (processor_time() - before).count();
     }
     void work() {
-      for (Index k; (k = next.fetch_add(1, std::memory_order_relaxed)) < count;) call(task, k);
+      guarded([this] {
+        for (Index k; (k = next.fetch_add(1, std::memory_order_relaxed)) < count;) call(task, k);
+      });
+    }
+    /// Keeps the first exception; no further task begins.
+    template <typename Function>
+    void guarded(const Function& f) noexcept {
+      try {
+        f();
+      } catch (...) {
+        if (!failed.exchange(true)) error = std::current_exception();
+        next = count;
+      }
+    }
+    void rethrow() const {
+      if (error) std::rethrow_exception(error);
     }
 
     const void* task;
@@ -110,6 +130,8 @@ class Team {
     std::atomic<Index> next{0};
     std::atomic<int> places;                      // for helpers
     std::atomic<Clock::duration::rep> helped{0};  // by them: processor time
+    std::atomic<bool> failed{false};
+    std::exception_ptr error;  // read once no helper is inside
   };
 
   /// What the threads share. A helper counts itself in before it looks for a job, and the calling

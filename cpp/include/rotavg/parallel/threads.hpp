@@ -39,7 +39,7 @@ inline int resolve_num_threads(int requested, Index num_edges) {
 }
 
 /// Calls f(k) for k = 0 … count-1, in any order, on at most `num_threads` threads. Calls must not
-/// depend on one another and must not throw.
+/// depend on one another; what one throws is thrown here.
 template <typename Function>
 void parallel_for(Index count, int num_threads, Function&& f) {
   // More parts than threads: who comes late, or is held up, takes fewer.

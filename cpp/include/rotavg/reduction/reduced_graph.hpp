@@ -39,7 +39,7 @@ class ReducedGraph {
   ReducedGraph(const MeasurementGraph& given, Riding riding,
                const std::vector<RelativeRotation>& others = {})
       : given_(&given),
-        weights_(weights_of(given)),
+        weights_(given.weights()),
         riding_(std::move(riding)),
         kept_(edges_between_variables(given, riding_)),
         graph_(measurements(others), rows(riding_.num_variables)) {}
@@ -75,7 +75,7 @@ class ReducedGraph {
   /// @throws InvalidEdge for a weight out of bounds, and then changes nothing
   /// @throws std::invalid_argument unless they are as many
   void set_other_weights(const std::vector<double>& weights) {
-    std::vector<double> reduced = weights_of(graph_);
+    std::vector<double> reduced = graph_.weights();
     check_count(weights.size(), reduced.size() - kept_.size());
     std::copy(weights.begin(), weights.end(),
               reduced.begin() + static_cast<std::ptrdiff_t>(kept_.size()));

@@ -81,7 +81,7 @@ inline std::vector<double> robust_weights(const MeasurementGraph& graph, const Q
                                           const std::vector<double>& precision, int num_threads) {
   std::vector<double> x, result;
   squared_residuals(ResidualQuaternions(graph, q, num_threads), x);
-  robust_weights(weights_of(graph), x, loss, precision, num_threads, result);
+  robust_weights(graph.weights(), x, loss, precision, num_threads, result);
   return result;
 }
 

@@ -33,7 +33,7 @@ class RobustRun {
             EdgeUnits units, const Stopwatch& watch)
       : watch_(watch),
         graph_(graph),
-        given_(weights_of(graph)),
+        given_(graph.weights()),
         units_(std::move(units)),
         series_(std::move(series)),
         options_(options),
@@ -93,7 +93,7 @@ class RobustRun {
   /// Least squares, roughly.
   /// @param shares (m,) of the weights that edges have; empty: all 1
   Rotations least_squares(const std::vector<double>& shares, Initialization& init) {
-    const std::vector<double> weights = weights_of(graph_);
+    const std::vector<double> weights = graph_.weights();
     if (!shares.empty()) {
       std::vector<double> less = weights;
       for (std::size_t k = 0; k < shares.size(); ++k) {

@@ -126,7 +126,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
     for (std::size_t k = 0; k < refuted.size(); ++k) left_out[k] = left_out[k] || refuted[k];
   }
   EdgeUnits units = edge_units(graph, robust.known, robust.weight_kind);
-  std::vector<double> given = weights_of(graph);
+  std::vector<double> given = graph.weights();
   MeasurementGraph weighted = graph;
   if (!left_out.empty()) {
     leave_out(left_out, given);

@@ -30,7 +30,7 @@ inline void tell_of_measurements(const GroundedGraph& problem, const RobustOptio
                                  RobustSolution& solution) {
   const MeasurementGraph& given = problem.given();
   const Riding& frames = problem.frames();
-  std::vector<double> weights = weights_of(given);
+  std::vector<double> weights = given.weights();
   if (!robust.known.excluded.empty()) leave_out(robust.known.excluded, weights);
   const EdgeUnits units =
       edge_units(given, robust.known, robust.weight_kind, edges_between_variables(given, frames));

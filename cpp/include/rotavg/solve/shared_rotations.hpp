@@ -221,7 +221,7 @@ inline SharedResult refine_shared(const MeasurementGraph& graph, const SharedRid
     return watch.seconds() <= options.time_limit && (!options.keep_going || options.keep_going());
   };
   const Components components = connected_components(between);
-  std::vector<Elimination> eliminations = grounded_eliminations(between, components);
+  std::vector<Elimination> eliminations = grounded_eliminations(between, components, num_threads);
   LaplacianMetric laplacian(between, eliminations);
   const bool factored = laplacian.flops(max_flops) <= max_flops &&
                         laplacian.factorize(keep_going) == CholeskyOutcome::positive_definite;
