@@ -25,6 +25,8 @@ MODULES = ("rotavg", *(f"rotavg.{name}" for name in sorted({*dir(rotavg)} - {*ro
 # Beside the first list of rotavg.hpp: what its functions take and return.
 CPP_STRUCTS = (
     "certify/bound.hpp",
+    "certify/component_certificate.hpp",
+    "graph/edges.hpp",
     "graph/measurement.hpp",
     "robust/edge_knowledge.hpp",
     "robust/loss.hpp",
