@@ -79,6 +79,18 @@ inline Story polished(RobustRun& run, const MeasurementGraph& graph,
 
 }  // namespace detail
 
+/// Whether an answer with so little noise is more than a tree that meets itself: n - 1 edges can be
+/// met exactly by any answer, and a noise that they alone bear out is none. It takes further edges,
+/// which close cycles.
+///
+/// @param x squared residuals (m,) in units of the noise
+inline bool closes_cycles(const std::vector<double>& x, Index num_nodes) {
+  constexpr double met_up_to = 9.0, further = 0.2, few = 3.0;
+  const double tree = num_nodes - 1.0;
+  const auto met = std::count_if(x.begin(), x.end(), [](double x_k) { return x_k <= met_up_to; });
+  return static_cast<double>(met) >= tree + std::max(few, further * tree);
+}
+
 /// Keys (m,) of a tree that takes edges first which an answer rejects, though the neighbourhoods of
 /// their ends overlap as if they were right; empty if these are few.
 inline std::vector<double> rejected_and_coherent(const std::vector<double>& x,
@@ -129,13 +141,12 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   std::vector<Story> stories(1);
   stories[0] = {"least squares and l1", std::move(R), noise, {}};
   double scale = noise;
-  const auto units_of = [&](Story& story) {
-    const double scale2 = scale * scale;
-    story.x = run.squared_residuals_at(story.rotations);
-    for (std::size_t k = 0; k < m; ++k) {
-      story.x[k] *= precision_of(run.precision(), k) / scale2;
-    }
+  const auto in_units = [&](double unit, const Rotations& at) {
+    std::vector<double> x = run.squared_residuals_at(at);
+    for (std::size_t k = 0; k < m; ++k) x[k] *= precision_of(run.precision(), k) / (unit * unit);
+    return x;
   };
+  const auto units_of = [&](Story& story) { story.x = in_units(scale, story.rotations); };
   units_of(stories[0]);
   const auto finish = [&] {
     portfolio.best = std::move(stories[0]);
@@ -188,6 +199,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
     ++portfolio.tried;
     Story story = detail::polished(run, graph, ballots, loss_noises, start, std::move(from));
     if (noise > coarse && story.noise < scale) {
+      if (!closes_cycles(in_units(story.noise, story.rotations), graph.num_nodes())) return;
       scale = story.noise;
       for (Story& other : stories) units_of(other);
     }

@@ -108,6 +108,34 @@ inline SharedRiding ride_on_shared(const RigLayout& rigs, const GroundedGraph& i
   return shared;
 }
 
+/// Frames and sensors together, by least squares with the weights that a solution ended with.
+/// @param images where those of unknown sensors are nodes of their own; receives the weights
+/// @returns the largest turn of a sensor, radians
+inline double refine_sensors(const MeasurementGraph& graph, const RigLayout& layout,
+                             const Priors& priors, const RobustSolution& solution,
+                             GroundedGraph& images, const IterationOptions& options,
+                             RigEstimate& estimate) {
+  Rotations& C = estimate.frame_from_sensor;
+  GroundedGraph held(graph, layout.held(graph, priors, C));
+  take_weights(solution, images);
+  take_weights(solution, held);
+  const SharedRiding shared = ride_on_shared(layout, images, held, C);
+  SharedResult found = refine_shared(images.graph(), shared, held.graph(),
+                                     held.variables_from(estimate.rotations), C, options);
+  double change = 0.0;
+  for (std::size_t s = 0; s < C.size(); ++s) {
+    if (!layout.is_estimated(static_cast<Index>(s))) continue;
+    change = std::max(change, angle_between(C[s], found.shared[s]));
+    C[s] = found.shared[s];
+    estimate.determined[s] = found.determined[s];
+  }
+  estimate.converged = found.converged;
+  estimate.iterations += found.iterations;
+  estimate.relative_gradient = found.relative_gradient;
+  estimate.rotations = images.nodes_from(shared.nodes_from(found.variables, C));
+  return change;
+}
+
 }  // namespace detail
 
 ROTAVG_INLINE RigEstimate estimate_rigs(const MeasurementGraph& graph, const Rigs& rigs,
@@ -160,25 +188,10 @@ ROTAVG_INLINE RigEstimate estimate_rigs(const MeasurementGraph& graph, const Rig
     estimate.rotations = std::move(solution.rotations);
   }
   for (int round = 0; round < max_rounds; ++round) {
-    GroundedGraph held(graph, layout.held(graph, priors, C));
-    detail::take_weights(solution, images);
-    detail::take_weights(solution, held);
-    const SharedRiding shared = detail::ride_on_shared(layout, images, held, C);
     IterationOptions iteration = left().iteration;
     iteration.tolerance = options.iteration.tolerance;
-    SharedResult found = refine_shared(images.graph(), shared, held.graph(),
-                                       held.variables_from(estimate.rotations), C, iteration);
-    double change = 0.0;
-    for (std::size_t s = 0; s < C.size(); ++s) {
-      if (!layout.is_estimated(static_cast<Index>(s))) continue;
-      change = std::max(change, angle_between(C[s], found.shared[s]));
-      C[s] = found.shared[s];
-      estimate.determined[s] = found.determined[s];
-    }
-    estimate.converged = found.converged;
-    estimate.iterations += found.iterations;
-    estimate.relative_gradient = found.relative_gradient;
-    estimate.rotations = images.nodes_from(shared.nodes_from(found.variables, C));
+    const double change =
+        detail::refine_sensors(graph, layout, priors, solution, images, iteration, estimate);
     if (!robust || change <= settled || watch.seconds() >= options.iteration.time_limit) break;
     solution.edge_weights = detail::reweighed(graph, solution, estimate.rotations);
   }
@@ -199,12 +212,26 @@ ROTAVG_INLINE RigSolution solve_rigs(const MeasurementGraph& graph, const Rigs& 
     rest.iteration.time_limit = std::max(0.0, options.iteration.time_limit - watch.seconds());
     return rest;
   };
-  const GroundedGraph held(graph, solution.rigs.held(graph, rigs, priors));
-  static_cast<RobustSolution&>(solution) =
-      detail::solve_either(held, left(), robust, std::move(start));
   const RigLayout layout(graph, rigs);
+  GroundedGraph images(graph, layout.without_estimated(graph, priors));
+  // A robust solve finds a scale and weights anew: sensors and weights have to agree in the end.
+  constexpr int max_rounds = 10;
+  constexpr double settled = 1e-5;  // radians
+  for (int round = 0;; ++round) {
+    const GroundedGraph held(graph, solution.rigs.held(graph, rigs, priors));
+    static_cast<RobustSolution&>(solution) = detail::solve_either(held, left(), robust, start);
+    if (!robust || !layout.any_estimated() || solution.status == Status::stopped) break;
+    solution.rigs.rotations = solution.rotations;
+    RigEstimate refined = solution.rigs;
+    const double change =
+        detail::refine_sensors(graph, layout, priors, solution, images, left().iteration, refined);
+    if (change <= settled) break;
+    solution.rigs.converged = false;  // if this is the end
+    if (round == max_rounds || left().iteration.time_limit <= 0.0) break;
+    start = refined.rotations;
+    solution.rigs = std::move(refined);
+  }
   if (options.certify && layout.any_estimated() && solution.status != Status::stopped) {
-    GroundedGraph images(graph, layout.without_estimated(graph, priors));
     detail::take_weights(solution, images);
     rest.iteration.callback = nullptr;
     const Solution relaxed = solve(images, left(), solution.rotations);
