@@ -83,7 +83,7 @@ def test_rigs_beat_separate_cameras_with_noise_and_outliers(seed: int) -> None:
     assert fit.joint_gap is not None
     assert fit.lower_bound is not None
     assert 0 < fit.lower_bound < solution.objective
-    assert "other sensors could lower the objective by at most" in fit.sentence
+    assert "other sensors could lower the objective of the rigs by at most" in fit.sentence
 
 
 def test_the_lower_bound_is_below_every_other_answer() -> None:

@@ -288,3 +288,18 @@ def test_least_squares_distrust_no_edge_but_those_that_the_cycle_check_leaves_ou
     found = solution.is_outlier
     assert found[simulation.is_outlier].mean() > 0.9
     assert found[~simulation.is_outlier].mean() < 0.05
+
+
+@pytest.mark.parametrize("noise", [0.0866, 0.12, 0.2])
+@pytest.mark.parametrize(("n", "density"), [(16, 0.8), (30, 0.5)])
+def test_much_noise_is_no_wrong_edge(n: int, density: float, noise: float) -> None:
+    # A tree can always be met exactly; so little noise is none, where no cycle bears it out.
+    for seed in range(4):
+        simulated = rotavg.simulate("erdos_renyi", n, density=density, noise=noise, seed=seed)
+        robust = rotavg.solve(simulated.graph, loss="auto")
+        assert robust.robust is not None
+        assert robust.robust.noise == pytest.approx(noise, rel=0.35)
+        assert robust.is_outlier.mean() < 0.1
+        plain = rotavg.solve(simulated.graph)
+        truth = simulated.ground_truth
+        assert rotavg.compare(robust, truth).rms < 1.2 * rotavg.compare(plain, truth).rms

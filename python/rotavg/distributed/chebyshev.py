@@ -57,15 +57,15 @@ class Told:
 
     Attributes:
         degrees: (components,) sums of the degrees.
-        leftover, leftover_rounding: see `Operator`.
+        leftover, leftover_rounding: (components,) sums, see `Operator`.
         rounding: of a product with M, for a vector of length one.
         num_nodes, num_edges: of the graph.
         least_degree: of a node.
     """
 
     degrees: NDArray[np.float64]
-    leftover: float
-    leftover_rounding: float
+    leftover: NDArray[np.float64]
+    leftover_rounding: NDArray[np.float64]
     rounding: float
     num_nodes: int
     num_edges: int
@@ -76,8 +76,8 @@ class Told:
         """Of several parts."""
         return Told(
             np.sum([part.degrees for part in parts], axis=0),
-            sum(part.leftover for part in parts),
-            sum(part.leftover_rounding for part in parts),
+            np.sum([part.leftover for part in parts], axis=0),
+            np.sum([part.leftover_rounding for part in parts], axis=0),
             # Every row is in one part, and the norms of its pieces add up as squares do.
             math.sqrt(sum(part.rounding**2 for part in parts)),
             sum(part.num_nodes for part in parts),

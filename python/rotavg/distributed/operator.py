@@ -28,7 +28,8 @@ class Operator:
         component: (num_own,) which component of the graph every node is in.
         degree: (num_own,).
         rounding: |computed - M y| <= rounding |y| holds for the rows of this part.
-        leftover: |D^-1/2 S N|^2 of these rows, and what its rounding can amount to.
+        leftover, leftover_rounding: (num_own,) |D^-1/2 S N|^2 of every row, and what its rounding
+            can amount to.
     """
 
     matrix: Any
@@ -36,7 +37,8 @@ class Operator:
     component: NDArray[np.int64]
     degree: NDArray[np.float64]
     rounding: float
-    leftover: tuple[float, float]
+    leftover: NDArray[np.float64]
+    leftover_rounding: NDArray[np.float64]
 
 
 def make_operator(
@@ -92,10 +94,10 @@ def make_operator(
     # the norm 1 of either of its halves; of the blocks themselves some (q + 100) u each.
     rounding = 8.0 * (3.0 * float(ends.max(initial=0)) + 200.0) * UNIT_ROUNDOFF
     # S N = hat(axis sums) / 2 (the antisymmetric part of Lambda), |hat(x)|_F^2 = 2 |x|^2.
-    square = float((0.5 * (g**2).sum(axis=1) / own_degree).sum())
-    error = float((((ends + 100.0) * 4.0 * UNIT_ROUNDOFF) ** 2 * own_degree).sum())
+    square = 0.5 * (g**2).sum(axis=1) / own_degree
+    error = ((ends + 100.0) * 4.0 * UNIT_ROUNDOFF) ** 2 * own_degree
     null = root[:num_own, None, None] * R[:num_own].transpose(0, 2, 1)
-    return Operator(matrix, null, component, own_degree, rounding, (square, error))
+    return Operator(matrix, null, component, own_degree, rounding, square, error)
 
 
 def along_null(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,9 @@ from numpy.typing import NDArray
 
 from rotavg.distributed.chebyshev import Chebyshev, Outcome, Told
 from rotavg.distributed.edges import Edges
+from rotavg.distributed.network import Network
 from rotavg.distributed.operator import UNIT_ROUNDOFF, Operator, make_operator
-from rotavg.distributed.part import Part
+from rotavg.distributed.part import Part, Rotations
 from rotavg.distributed.rounds import Rounds, as_they_are
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving.certificate import Certificate, ComponentCertificate, Shortfall, Verdict
@@ -43,40 +45,103 @@ def prove(rounds: Rounds, tolerance: float, probability: float, seed: int) -> Ce
         return certificate
     if not outcome.is_decided(proof):
         outcome = proof.tried(probability, seed, MANY_PRODUCTS, outcome.quotient)
-    return _certificate(outcome, proof, told, state.level.objective, tolerance, probability)
+    measure = _measured(network, state.rotations, component, num_components)
+    return _certificate(outcome, proof, told, measure, tolerance, probability)
 
 
 def _certificate(
     outcome: Outcome,
     proof: Chebyshev,
     told: Told,
-    objective: float,
+    measure: Measure,
     tolerance: float,
     probability: float,
 ) -> Certificate:
+    """Of every component by itself, and of the graph: the sum of the gaps, else the worst."""
     few = 16.0 * float(np.finfo(np.float64).eps)
-    total = 0.5 * float(told.degrees.sum())
-    f = objective * (1.0 + UNIT_ROUNDOFF * told.num_edges)
-    f += few * (math.sqrt(total * f) + few * total)
-    # f(R) - f* <= |D^-1/2 K|_F^2 / cut, and it is at most f(R).
-    gap, method, chance = f, "nonnegativity", 0.0
-    if outcome.cut > 0:
-        leftover = (math.sqrt(told.leftover) + math.sqrt(told.leftover_rounding)) ** 2
-        by_cut = (1.0 + 1e-9) * leftover / outcome.cut
-        if by_cut < gap:
-            gap, method, chance = by_cut, "random_start", probability
-    relative = gap / max(f, 1e-20 * total)
-    shortfall, lambda_min = Shortfall.NONE, 0.0
-    if relative > tolerance:
+    parts = []
+    for c, (objective, total) in enumerate(zip(measure.objective, 0.5 * told.degrees)):
+        f = objective * (1.0 + UNIT_ROUNDOFF * told.num_edges)
+        f += few * (math.sqrt(total * f) + few * total)
+        # f(R) - f* <= |D^-1/2 K|_F^2 / cut, and it is at most f(R).
+        gap, method, chance = f, "nonnegativity", 0.0
         if outcome.cut > 0:
-            shortfall = Shortfall.LEFTOVER
-        else:
-            shortfall, lambda_min = Shortfall.UNDECIDED, math.nan
+            leftover = math.sqrt(told.leftover[c]) + math.sqrt(told.leftover_rounding[c])
+            by_cut = (1.0 + 1e-9) * leftover**2 / outcome.cut
+            if by_cut < gap:
+                gap, method, chance = by_cut, "random_start", probability
+        relative = gap / max(f, 1e-20 * measure.weight[c])
+        verdict, shortfall, lambda_min = Verdict.PROVED, Shortfall.NONE, 0.0
+        if relative > tolerance:
+            verdict, shortfall = Verdict.NOT_CERTIFIED, Shortfall.LEFTOVER
+            if outcome.cut == 0:
+                shortfall, lambda_min = Shortfall.UNDECIDED, math.nan
             if outcome.is_negative(proof):
                 shortfall, lambda_min = Shortfall.NEGATIVE, outcome.quotient * told.least_degree
-    verdict = Verdict.PROVED if relative <= tolerance else Verdict.NOT_CERTIFIED
-    whole = (verdict, lambda_min, gap, relative, method, chance, shortfall)
-    return Certificate(*whole, tolerance, (ComponentCertificate(*whole),))
+        parts.append(
+            ComponentCertificate(verdict, lambda_min, gap, relative, method, chance, shortfall)
+        )
+    worst = max(parts, key=lambda part: part.relative_gap)
+    by_start = [part for part in parts if part.method == "random_start"]
+    return Certificate(
+        worst.verdict,
+        worst.lambda_min,
+        sum(part.gap for part in parts),
+        worst.relative_gap,
+        "random_start" if by_start else "nonnegativity",
+        # The starts of all components are one.
+        probability if by_start else 0.0,
+        worst.shortfall,
+        tolerance,
+        tuple(parts),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Measure:
+    """What the gaps of components are held against.
+
+    Attributes:
+        objective: (components,) their parts of f.
+        weight: (components,) sums of weights; no edge counts for more than 1000 times the lightest.
+    """
+
+    objective: NDArray[np.float64]
+    weight: NDArray[np.float64]
+
+
+def _measured(network: Network, rotations: list[Any], component: list[Any], count: int) -> Measure:
+    sums = network.with_neighbours(_objectives, rotations, component, count=count)
+    told = network.gather(sums)
+    lightest = np.min([least for _, least in told], axis=0)
+    weights = network.each(_capped_weights, component, lightest=lightest)
+    return Measure(
+        np.sum([objective for objective, _ in told], axis=0),
+        np.sum(network.gather(weights), axis=0),
+    )
+
+
+def _objectives(
+    part: Part, R: Rotations, component: NDArray[np.int64], count: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(count,) the objective of the counted edges, and the lightest of them."""
+    objective, lightest = np.zeros(count), np.full(count, np.inf)
+    for edges, counted in part.blocks():
+        edges = edges.take(counted)
+        label = component[edges.i]
+        squares = ((R[edges.i] @ edges.rotations - R[edges.j]) ** 2).sum(axis=(1, 2))
+        objective += np.bincount(label, edges.weights * squares, minlength=count)
+        np.minimum.at(lightest, label, edges.weights)
+    return objective, lightest
+
+
+def _capped_weights(
+    part: Part, component: NDArray[np.int64], lightest: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    edges = part.edges.take(part.counted)
+    label = component[edges.i]
+    capped = np.minimum(edges.weights, 1000.0 * lightest[label])
+    return np.asarray(np.bincount(label, capped, minlength=len(lightest)), np.float64)
 
 
 def _degree(part: Part) -> NDArray[np.float64]:
@@ -84,9 +149,13 @@ def _degree(part: Part) -> NDArray[np.float64]:
 
 
 def _told(part: Part, operator: Operator, count: int) -> Told:
+    def by_component(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(np.bincount(operator.component, values, minlength=count), np.float64)
+
     return Told(
-        np.asarray(np.bincount(operator.component, operator.degree, minlength=count), np.float64),
-        *operator.leftover,
+        by_component(operator.degree),
+        by_component(operator.leftover),
+        by_component(operator.leftover_rounding),
         operator.rounding,
         part.num_own,
         int(np.count_nonzero(part.counted)),

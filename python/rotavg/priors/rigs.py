@@ -39,7 +39,9 @@ class RigFit:
         objective: f of the solution.
         lower_bound: no frames and sensors have a smaller f than this (with the weights of the
             solution); None where no certificate was asked for, or nothing was estimated.
-        total_weight: of the measurements, for what is zero to rounding.
+        rig_objective: the part of f in components of the graph that have an image of a rig.
+        rig_weight: the weights there, for what is zero to rounding; none counts for more than 1000
+            times the lightest.
         alone: sensors that are in no frame with another one, and not known: nothing can tell where
             they are in a rig.
         images: frame and sensor of the nodes.
@@ -56,7 +58,8 @@ class RigFit:
     relative_gradient: float
     objective: float
     lower_bound: float | None
-    total_weight: float
+    rig_objective: float
+    rig_weight: float
     alone: tuple[Any, ...]
     images: Mapping[Any, tuple[Any, Any]]
     priors: Priors
@@ -95,10 +98,10 @@ class RigFit:
         return text
 
     def _joint(self, gap: float) -> str:
-        if gap <= max(1e-6 * self.objective, _RELATIVE_ROUNDING * self.total_weight):
+        if gap <= max(1e-6 * self.rig_objective, _RELATIVE_ROUNDING * self.rig_weight):
             return "proved for frames and sensors together"
-        share = 100 * gap / self.objective
-        return f"other sensors could lower the objective by at most {share:.2g} %"
+        share = 100 * gap / self.rig_objective
+        return f"other sensors could lower the objective of the rigs by at most {share:.2g} %"
 
 
 def is_rigs(priors: Priors | None) -> bool:
@@ -125,8 +128,26 @@ class Sensors:
             return GraphError(f"the rotation of sensor {self.names[row]!r} {reason}")
         return prior_error(self.graph, error)
 
-    def fit(self, core: dict[str, Any], rotations: NDArray[np.float64], f: float) -> RigFit:
-        """From what the core found, and the rotations (n, 3, 3) of all nodes."""
+    def _rig_part(
+        self, rotations: NDArray[np.float64], weights: NDArray[np.float64]
+    ) -> tuple[float, float]:
+        """Objective and weight of the components that have an image of a rig."""
+        label, (i, j) = self.graph.components(), self.graph.indices.T
+        mine = np.isin(label, label[[node in self.images for node in self.graph.nodes.tolist()]])
+        k = np.flatnonzero(mine[i])
+        residual = rotations[i[k]] @ self.graph.rotations[k] - rotations[j[k]]
+        w = weights[k]
+        capped = np.minimum(w, 1000 * w.min(initial=np.inf))
+        return float(w @ (residual**2).sum(axis=(1, 2))), float(capped.sum())
+
+    def fit(
+        self,
+        core: dict[str, Any],
+        rotations: NDArray[np.float64],
+        f: float,
+        weights: NDArray[np.float64],
+    ) -> RigFit:
+        """From what the core found, the rotations (n, 3, 3) of all nodes, and the final weights."""
         ids = tuple(self.names[k] for k in core["sensors"])
         C = np.array(core["rotations"], dtype=np.float64)
         for k, sensor in enumerate(ids):
@@ -138,6 +159,7 @@ class Sensors:
         for node, (frame, sensor) in self.images.items():
             if frame not in frames:
                 frames[frame] = read_only(rotations[row[node]] @ of_sensor[sensor].T)
+        rig_objective, rig_weight = self._rig_part(rotations, weights)
         held = {node: (frame, of_sensor[sensor]) for node, (frame, sensor) in self.images.items()}
         return RigFit(
             sensors=ids,
@@ -150,7 +172,8 @@ class Sensors:
             relative_gradient=core["relative_gradient"],
             objective=f,
             lower_bound=core["lower_bound"],
-            total_weight=float(self.graph.weights.sum()),
+            rig_objective=rig_objective,
+            rig_weight=rig_weight,
             alone=self._alone(dict(zip(ids, core["origin"]))),
             images=self.images,
             priors=replace(self.priors, rigs=held),

@@ -247,12 +247,13 @@ def solve(
         assert sensors is not None
         raise sensors.error(error) from None
     except ValueError as error:
-        if sensors is None or "nothing is left to" not in str(error):
+        if not str(error).startswith(("all edges are between", "the rotations of all nodes are")):
             raise  # what a callback raises is the caller's
         raise GraphError(str(error)) from None
     rigs = None
     if sensors is not None:
-        rigs = sensors.fit(core["rigs"], core["rotations"], core["objective"])
+        final = core["robust"]["edge_weights"] if "robust" in core else graph.weights
+        rigs = sensors.fit(core["rigs"], core["rotations"], core["objective"], final)
         grounded = sensors.grounded(rigs)
     robust = None
     if "robust" in core:

@@ -24,6 +24,7 @@
 #include <rotavg/problem/gauge.hpp>
 #include <rotavg/reduction/reduced_graph.hpp>
 #include <rotavg/so3/quaternion.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/run.hpp>
 #include <rotavg/solve/solve.hpp>
@@ -190,6 +191,27 @@ ROTAVG_INLINE Solution solve(const AnisotropicGraph& graph, const SolveOptions& 
   return detail::AnisotropicRun(graph, options)(std::move(start));
 }
 
+namespace detail {
+
+/// What the edges cost whose two ends ride on one variable, whatever the others do.
+inline double cost_of_held_edges(const GroundedGraph& problem,
+                                 const std::vector<Matrix3>& precisions, const Rotations& R) {
+  const auto& given = problem.given().edges();
+  std::vector<bool> is_kept(given.size(), false);
+  for (const Index k : problem.kept()) is_kept[k] = true;
+  double sum = 0.0;
+  for (std::size_t k = 0; k < given.size(); ++k) {
+    if (is_kept[k]) continue;
+    const Edge& e = given[k];
+    const Matrix3 error = transposed_product(product(R[e.i], e.i_from_j()), R[e.j]);
+    const Vector3 v = vector_part(to_quaternion(error).coeffs());
+    sum += 4.0 * dot(v, product(precisions[k], v));
+  }
+  return sum;
+}
+
+}  // namespace detail
+
 ROTAVG_INLINE Solution solve(const GroundedGraph& problem, const std::vector<Matrix3>& precisions,
                              const SolveOptions& options, const Rotations& start) {
   if (!problem.gravity().first.empty()) {
@@ -215,6 +237,9 @@ ROTAVG_INLINE Solution solve(const GroundedGraph& problem, const std::vector<Mat
   Solution solution = solve(graph, options, problem.variables_from(R));
   solution.rotations = problem.nodes_from(solution.rotations);
   solution.components = components_of_nodes(problem.riding(), problem.components());
+  const double held = detail::cost_of_held_edges(problem, precisions, solution.rotations);
+  solution.objective += held;
+  for (Progress& progress : solution.trace) progress.objective += held;
   return solution;
 }
 

@@ -225,6 +225,8 @@ ROTAVG_INLINE RigSolution solve_rigs(const MeasurementGraph& graph, const Rigs& 
     RigEstimate refined = solution.rigs;
     const double change =
         detail::refine_sensors(graph, layout, priors, solution, images, left().iteration, refined);
+    // Of these weights with these sensors: as near as the sensors have come to rest.
+    solution.rigs.relative_gradient = std::max(refined.relative_gradient, change);
     if (change <= settled) break;
     solution.rigs.converged = false;  // if this is the end
     if (round == max_rounds || left().iteration.time_limit <= 0.0) break;
