@@ -103,6 +103,9 @@ void certify(const rotavg::MeasurementGraph& graph, const rotavg::Solution& solu
   rotavg::CertificateOptions options;
   expect(rotavg::certify(graph, solution.rotations, options).gap < 1e-6, "the gap");
   options.max_factorization_flops = 0.0;
+  expect(rotavg::certify(graph, solution.rotations, options).verdict == rotavg::Verdict::proved,
+         "a proof from a random start");
+  options.failure_probability = 0.0;
   expect(rotavg::certify(graph, solution.rotations, options).verdict == rotavg::Verdict::estimated,
          "an estimated certificate");
   bool thrown = false;
