@@ -201,7 +201,10 @@ TEST_CASE("everything that is returned is evaluated at the rotations that are re
       CHECK(std::abs(result.gradient_norm - norm.absolute) <= 1e-14 * graph.total_weight());
       CHECK(std::abs(result.relative_gradient - norm.relative) <= 1e-14);
       CHECK(std::abs(result.trace.front().objective - at_start) <= 1e-14 * graph.total_weight());
-      CHECK(result.trace.back().objective == doctest::Approx(result.objective).epsilon(1e-9));
+      // SUM iterates by differences of large sums, and returns what is summed edge by edge.
+      const double summed = std::string(solver.name).find("SUM") == std::string::npos ? 0.0 : 1e-14;
+      CHECK(std::abs(result.trace.back().objective - result.objective) <=
+            summed * graph.total_weight());
       CHECK(result.trace.back().gradient_norm == result.gradient_norm);
       CHECK(result.trace.back().iteration == result.iterations);
       CHECK(result.seconds >= result.trace.back().seconds);

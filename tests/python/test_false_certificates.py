@@ -10,6 +10,7 @@ from benchmarks.problem import Problem
 from shared_data import shared_data
 
 
+# How far GTSAM ends above depends on the last digits of the start: on sphere2500 by .98 to 1.1 %.
 @pytest.mark.parametrize(
     ("name", "excess"), [("sphere2500", 0.005), ("torus3D", 0.001), ("parking-garage", 0.03)]
 )

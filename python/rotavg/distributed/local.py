@@ -42,15 +42,19 @@ def level(part: Part, R: Rotations) -> Level:
         # |R_i R_ij - R_j|^2 = |G - I|^2: no small difference of large numbers
         squares = ((G - np.eye(3)) ** 2).sum(axis=(1, 2))
         total += float(edges.weights[counted] @ squares[counted])
-        axis = np.stack(
-            [G[:, 2, 1] - G[:, 1, 2], G[:, 0, 2] - G[:, 2, 0], G[:, 1, 0] - G[:, 0, 1]], axis=1
-        )
-        slope = 2.0 * edges.weights[:, None] * axis
+        slope = 2.0 * edges.weights[:, None] * vee_difference(G)
         add_at(g, edges.i, slope)
         add_at(g, edges.j, -slope)
     norms = np.linalg.norm(g, axis=1)
     relative = np.divide(norms, part.degree, out=np.zeros_like(norms), where=part.degree > 0)
     return Level(total, float(norms @ norms), float(relative.max(initial=0.0)))
+
+
+def vee_difference(G: Rotations) -> NDArray[np.float64]:
+    """(k, 3) the vectors v with [v] = G - G^T."""
+    return np.stack(
+        [G[:, 2, 1] - G[:, 1, 2], G[:, 0, 2] - G[:, 2, 0], G[:, 1, 0] - G[:, 0, 1]], axis=1
+    )
 
 
 def add_at(sums: NDArray[np.float64], rows: NDArray[np.int64], values: NDArray[np.float64]) -> None:
@@ -132,16 +136,23 @@ def _solved(
     return result
 
 
-def solve_alone(part: Part) -> Rotations:
-    """The own nodes by the edges between them; each piece in a gauge of its own."""
+def inner_graph(part: Part) -> MeasurementGraph | None:
+    """The own nodes and the edges between them; None where there are none."""
     inner = (part.edges.i < part.num_own) & (part.edges.j < part.num_own)
     if not inner.any():
-        return np.tile(np.eye(3), (part.num_own, 1, 1))
+        return None
     edges = part.edges.take(inner)
-    graph = MeasurementGraph(
+    return MeasurementGraph(
         np.stack([edges.i, edges.j], axis=1),
         edges.rotations,
         edges.weights,
         nodes=np.arange(part.num_own),
     )
+
+
+def solve_alone(part: Part) -> Rotations:
+    """The own nodes by the edges between them; each piece in a gauge of its own."""
+    graph = inner_graph(part)
+    if graph is None:
+        return np.tile(np.eye(3), (part.num_own, 1, 1))
     return np.asarray(solve(graph, certify=False, num_threads=1, tolerance=1e-4).rotations)

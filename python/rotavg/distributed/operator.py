@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.distributed.local import add_at
+from rotavg.distributed.local import add_at, vee_difference
 from rotavg.distributed.part import Part, Rotations
 
 UNIT_ROUNDOFF = 0.5 * float(np.finfo(np.float64).eps)
@@ -72,15 +72,7 @@ def make_operator(
             blocks.append(-B[mine])
             turned = i_from_j @ R[b].transpose(0, 2, 1) @ R[a]  # I, where there is no residual
             add_at(Lambda, a, w * turned)
-            axis = np.stack(
-                [
-                    turned[:, 2, 1] - turned[:, 1, 2],
-                    turned[:, 0, 2] - turned[:, 2, 0],
-                    turned[:, 1, 0] - turned[:, 0, 1],
-                ],
-                axis=1,
-            )
-            add_at(g, a, edges.weights[:, None] * axis)
+            add_at(g, a, edges.weights[:, None] * vee_difference(turned))
     at = np.arange(num_own)
     own_degree = degree[:num_own]
     diagonal = 0.5 * (Lambda + Lambda.transpose(0, 2, 1)) / own_degree[:, None, None]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.base.errors import GraphError
+from rotavg.distributed.local import inner_graph
 from rotavg.distributed.part import Part, Rotations, degrees
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving.solve import solve
@@ -48,20 +49,13 @@ class Loss:
 
 def solve_alone_robustly(part: Part) -> tuple[Rotations, float, float, float]:
     """The own nodes by the edges between them; scale and noise of the loss, the median weight."""
-    inner = (part.edges.i < part.num_own) & (part.edges.j < part.num_own)
-    if not inner.any():
+    graph = inner_graph(part)
+    if graph is None:
         return np.tile(np.eye(3), (part.num_own, 1, 1)), np.nan, np.nan, np.nan
-    edges = part.edges.take(inner)
-    graph = MeasurementGraph(
-        np.stack([edges.i, edges.j], axis=1),
-        edges.rotations,
-        edges.weights,
-        nodes=np.arange(part.num_own),
-    )
     solution = solve(graph, loss="auto", certify=False, num_threads=1)
     fit = solution.robust
     assert fit is not None
-    return np.asarray(solution.rotations), fit.scale, fit.noise, float(np.median(edges.weights))
+    return np.asarray(solution.rotations), fit.scale, fit.noise, float(np.median(graph.weights))
 
 
 def common_loss(told: Sequence[tuple[float, float, float]]) -> Loss:
