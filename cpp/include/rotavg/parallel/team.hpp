@@ -64,22 +64,21 @@ class Team {
   void run(Index count, int num_threads, const Task& task, const Idle& idle) {
     num_threads = static_cast<int>(std::min<Index>(num_threads, count));
     Job job(&task, call<Task>, count, num_threads - 1);
-    const bool alone = num_threads <= 1 || count <= 1 || is_busy();
-    const auto before = alone ? Clock::time_point{} : Clock::now();
-    if (alone || before < alone_until_) {
+    const auto work_alone = [&job] {
       job.work();
       job.rethrow();
-      return;
-    }
-    hire(num_threads - 1);
-    is_busy() = true;
+    };
+    if (num_threads <= 1 || is_busy()) return work_alone();
+    const auto before = Clock::now();
+    if (before >= alone_until_) hire(num_threads - 1);
+    const AtTask at_task;  // alone or not, what a task calls stays here
+    if (before < alone_until_) return work_alone();
     state_->post(&job, num_threads - 1);
     const auto posted = Clock::now();
     job.work();
     const auto done = Clock::now();
     state_->finish([&] { job.guarded(idle); });
     const auto after = Clock::now();
-    is_busy() = false;
     const Clock::duration lost = (posted - before) + (after - done) - Clock::duration(job.helped);
     if (lost > Clock::duration::zero()) alone_until_ = after + 20 * lost;
     job.rethrow();
@@ -202,6 +201,13 @@ class Team {
     thread_local bool busy = false;
     return busy;
   }
+
+  struct AtTask {
+    AtTask() { is_busy() = true; }
+    ~AtTask() { is_busy() = false; }
+    AtTask(const AtTask&) = delete;
+    AtTask& operator=(const AtTask&) = delete;
+  };
 
   /// Waits a short while for something; returns whether it has come.
   template <typename Condition>
