@@ -81,7 +81,7 @@ TEST_CASE("helpers take tasks while the calling thread is at one of its own") {
   bool met = false;
   for (int times = 0; times < 200 && !met; ++times) {
     std::atomic<int> arrived{0};
-    rotavg::Team::mine().run(
+    rotavg::Team::run(
         2, 2,
         [&](Index) {
           ++arrived;
@@ -98,7 +98,7 @@ TEST_CASE("the calling thread is asked now and then while it waits for a helper'
   bool asked = false;
   for (int times = 0; times < 50 && !asked; ++times) {
     const auto caller = std::this_thread::get_id();
-    rotavg::Team::mine().run(
+    rotavg::Team::run(
         2, 2,
         [&](Index) {
           if (std::this_thread::get_id() == caller) {

@@ -99,38 +99,47 @@ class BlockCholesky {
   /// X <- (A + shift I)^-1 X, after a factorisation that was positive definite.
   /// @param X size() rows, in the order of the nodes
   void solve_in_place(Eigen::Ref<Eigen::MatrixXd> X) {
-    const int num_threads = threads_for(num_threads_, 2.0 * together * B * B * entries_);
-    const auto& node = symbolic_->node();
-    const auto front = [this] { return RightHandSides(together, B * most_rows_); };
     for (Eigen::Index first = 0; first < X.cols(); first += together) {
       auto columns = X.middleCols(first, std::min<Eigen::Index>(together, X.cols() - first));
-      permuted_.setZero(together, X.rows());
-      const auto for_each_entry = [&](auto&& f) {
-        parallel_for(symbolic_->size(), num_threads, [&](Index k) {
-          for (int i = 0; i < B; ++i) {
-            for (Eigen::Index t = 0; t < columns.cols(); ++t) {
-              f(columns(B * node[k] + i, t), permuted_(t, B * k + i));
-            }
-          }
-        });
-      };
-      for_each_entry([](const double& given, double& entry) { entry = given; });
-      subtrees_.rise(
-          num_threads,
-          [&](const Subtrees::Range& range) {
-            RightHandSides x = front();
-            for (Index s = range.begin; s < range.end; ++s) solve_lower(s, x);
-          },
-          [&, x = front()](Index s) mutable { solve_lower(s, x); }, [] {});
-      subtrees_.descend(
-          num_threads,
-          [&](const Subtrees::Range& range) {
-            RightHandSides x = front();
-            for (Index s = range.end; s-- > range.begin;) solve_upper(s, x);
-          },
-          [&, x = front()](Index s) mutable { solve_upper(s, x); });
-      for_each_entry([](double& solved, const double& entry) { solved = entry; });
+      solve_entries(
+          static_cast<int>(columns.cols()), [&](Index row, int t) { return columns(row, t); },
+          [&](Index row, int t, double solved) { columns(row, t) = solved; });
     }
+  }
+  /// The same for at most four columns that may stand anywhere.
+  /// @param read `double read(row, column)`
+  /// @param write `write(row, column, solved)`
+  template <typename Read, typename Write>
+  void solve_entries(int columns, Read&& read, Write&& write) {
+    const int num_threads = threads_for(num_threads_, 2.0 * together * B * B * entries_);
+    const auto& node = symbolic_->node();
+    const auto below = [this] { return RightHandSides(together, B * most_rows_); };
+    permuted_.resize(together, size());
+    parallel_for(symbolic_->size(), num_threads, [&](Index k) {
+      for (int i = 0; i < B; ++i) {
+        for (int t = 0; t < together; ++t) {
+          permuted_(t, B * k + i) = t < columns ? read(B * node[k] + i, t) : 0.0;
+        }
+      }
+    });
+    subtrees_.rise(
+        num_threads,
+        [&](const Subtrees::Range& range) {
+          for (Index s = range.begin; s < range.end; ++s) solve_lower(s);
+        },
+        [&](Index s) { solve_lower(s); }, [] {});
+    subtrees_.descend(
+        num_threads,
+        [&](const Subtrees::Range& range) {
+          RightHandSides rest = below();
+          for (Index s = range.end; s-- > range.begin;) solve_upper(s, rest);
+        },
+        [&, rest = below()](Index s) mutable { solve_upper(s, rest); });
+    parallel_for(symbolic_->size(), num_threads, [&](Index k) {
+      for (int i = 0; i < B; ++i) {
+        for (int t = 0; t < columns; ++t) write(B * node[k] + i, t, permuted_(t, B * k + i));
+      }
+    });
   }
   Eigen::MatrixXd solve(Eigen::MatrixXd X) {
     solve_in_place(X);
@@ -216,66 +225,80 @@ class BlockCholesky {
 
   /// X <- L^-1 X in the columns of one supernode, and what they take from the rows below, which is
   /// left over for the parent. Two columns at once halve the traffic of X.
-  /// @param front room for its rows
-  ROTAVG_ONE_COPY void solve_lower(Index s, RightHandSides& front) {
+  ROTAVG_ONE_COPY void solve_lower(Index s) {
     const Supernode& node = symbolic_->supernodes()[s];
     const MatrixView L = factor(s);
-    const Eigen::Index pivots = L.cols(), rows = L.rows();
-    auto x = front.leftCols(rows);
-    x.leftCols(pivots) = permuted_.middleCols(B * node.begin, pivots);
-    x.rightCols(rows - pivots).setZero();
+    const Eigen::Index pivots = L.cols(), below = L.rows() - pivots;
+    auto x = permuted_.middleCols(B * node.begin, pivots);
+    auto rest = left_over_.middleCols(vectors_.front[s], below);
+    rest.setZero();
     symbolic_->for_each_child(s, [&](Index child) {
-      const auto& places = symbolic_->supernodes()[child].in_parent;
-      auto from = left_over_.middleCols(vectors_.left_over[child], B * places.size());
-      for (std::size_t r = 0; r < places.size(); ++r) {
-        x.template middleCols<B>(B * places[r]) += from.template middleCols<B>(B * r);
+      const std::vector<Index>& places = symbolic_->supernodes()[child].in_parent;
+      const double* from = left_over_.col(vectors_.left_over[child]).data();
+      for (const Index place : places) {
+        double* const to = B * place < pivots ? x.data() + together * (B * place)
+                                              : rest.data() + together * (B * place - pivots);
+        for (int i = 0; i < together * B; ++i) to[i] += from[i];
+        from += together * B;
       }
     });
     for (Eigen::Index c = 0; c < pivots; c += 2) {
       const double* const l = L.col(c).data();
+      const double* const l_below = l + pivots;
       const Row x_c = x.col(c) /= l[c];
       if (c + 1 == pivots) {
-        for (Eigen::Index r = c + 1; r < rows; ++r) x.col(r) -= l[r] * x_c;
+        for (Eigen::Index r = 0; r < below; ++r) rest.col(r) -= l_below[r] * x_c;
         break;
       }
-      const double* const next_l = l + rows;
+      const double* const next_l = l + L.rows();
+      const double* const next_l_below = next_l + pivots;
       const Row next_x = (x.col(c + 1) -= l[c + 1] * x_c) /= next_l[c + 1];
-      for (Eigen::Index r = c + 2; r < rows; ++r) x.col(r) -= l[r] * x_c + next_l[r] * next_x;
+      for (Eigen::Index r = c + 2; r < pivots; ++r) x.col(r) -= l[r] * x_c + next_l[r] * next_x;
+      for (Eigen::Index r = 0; r < below; ++r) {
+        rest.col(r) -= l_below[r] * x_c + next_l_below[r] * next_x;
+      }
     }
-    permuted_.middleCols(B * node.begin, pivots) = x.leftCols(pivots);
-    left_over_.middleCols(vectors_.left_over[s], rows - pivots) = x.rightCols(rows - pivots);
+    // It takes the place of what the children left over.
+    if (vectors_.left_over[s] != vectors_.front[s]) {
+      std::copy_n(rest.data(), rest.size(), left_over_.col(vectors_.left_over[s]).data());
+    }
   }
 
   /// X <- L^-T X in the columns of one supernode, where the rows below are solved.
-  ROTAVG_ONE_COPY void solve_upper(Index s, RightHandSides& front) {
+  /// @param rest room for these
+  ROTAVG_ONE_COPY void solve_upper(Index s, RightHandSides& rest) {
     const Supernode& node = symbolic_->supernodes()[s];
     const MatrixView L = factor(s);
-    const Eigen::Index pivots = L.cols(), rows = L.rows();
-    auto x = front.leftCols(rows);
-    x.leftCols(pivots) = permuted_.middleCols(B * node.begin, pivots);
+    const Eigen::Index pivots = L.cols(), below = L.rows() - pivots;
+    auto x = permuted_.middleCols(B * node.begin, pivots);
     for (Index r = 0; r < node.num_below(); ++r) {
-      x.template middleCols<B>(pivots + B * r) =
-          permuted_.template middleCols<B>(B * node.below[r]);
+      rest.template middleCols<B>(B * r) = permuted_.template middleCols<B>(B * node.below[r]);
     }
     for (Eigen::Index c = pivots - 1; c >= 0; c -= 2) {
       const double* const l = L.col(c).data();
+      const double* const l_below = l + pivots;
       Row x_c = x.col(c);
       if (c == 0) {
-        for (Eigen::Index r = 1; r < rows; ++r) x_c -= l[r] * x.col(r);
+        for (Eigen::Index r = 1; r < pivots; ++r) x_c -= l[r] * x.col(r);
+        for (Eigen::Index r = 0; r < below; ++r) x_c -= l_below[r] * rest.col(r);
         x.col(0) = x_c / l[0];
         break;
       }
-      const double* const previous_l = l - rows;
+      const double* const previous_l = l - L.rows();
+      const double* const previous_l_below = previous_l + pivots;
       Row previous_x = x.col(c - 1);
-      for (Eigen::Index r = c + 1; r < rows; ++r) {
+      for (Eigen::Index r = c + 1; r < pivots; ++r) {
         x_c -= l[r] * x.col(r);
         previous_x -= previous_l[r] * x.col(r);
+      }
+      for (Eigen::Index r = 0; r < below; ++r) {
+        x_c -= l_below[r] * rest.col(r);
+        previous_x -= previous_l_below[r] * rest.col(r);
       }
       x_c /= l[c];
       x.col(c) = x_c;
       x.col(c - 1) = (previous_x - previous_l[c] * x_c) / previous_l[c - 1];
     }
-    permuted_.middleCols(B * node.begin, pivots) = x.leftCols(pivots);
   }
 
   std::shared_ptr<const SymbolicCholesky> symbolic_;

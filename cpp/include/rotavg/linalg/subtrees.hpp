@@ -111,7 +111,7 @@ class Subtrees {
   template <typename OfRange, typename Idle>
   void for_each_range(int num_threads, OfRange&& of_range, Idle&& idle) const {
     const auto count = static_cast<Index>(ranges_.size());
-    Team::mine().run(
+    Team::run(
         count, num_threads, [&](Index k) { of_range(ranges_[num_threads > 1 ? by_work_[k] : k]); },
         idle);
   }

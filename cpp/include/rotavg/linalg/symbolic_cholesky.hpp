@@ -7,6 +7,7 @@
 
 #include <rotavg/linalg/block_pattern.hpp>
 #include <rotavg/linalg/elimination_order.hpp>
+#include <rotavg/linalg/middle_root.hpp>
 #include <rotavg/linalg/supernodes.hpp>
 #include <rotavg/types.hpp>
 
@@ -171,6 +172,7 @@ class SymbolicCholesky {
     for (std::size_t s = 0; s < blocks.size(); ++s) {
       supernodes_[s].begin = blocks[s].begin;
       supernodes_[s].end = blocks[s].end;
+      supernodes_[s].below.reserve(static_cast<std::size_t>(blocks[s].below));
     }
   }
 
@@ -208,6 +210,7 @@ class SymbolicCholesky {
         entries_[e].place = place[entries_[e].place];
       }
       for_each_child(s, [&](Index child) {
+        supernodes_[child].in_parent.reserve(supernodes_[child].below.size());
         for (const Index row : supernodes_[child].below) {
           supernodes_[child].in_parent.push_back(place[row]);
         }

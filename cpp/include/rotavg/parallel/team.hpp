@@ -43,11 +43,6 @@ namespace rotavg {
 /// calls. After a fork the child makes a new one.
 class Team {
  public:
-  /// That of the calling thread.
-  static Team& mine() {
-    thread_local Team team;
-    return team;
-  }
   Team(const Team&) = delete;
   Team& operator=(const Team&) = delete;
   ~Team() {
@@ -61,18 +56,43 @@ class Team {
   /// calling thread while it has nothing else to do, idle(). What one of them throws is thrown here
   /// once all that were begun have ended. What a task calls in turn stays on its thread.
   template <typename Task, typename Idle>
-  void run(Index count, int num_threads, const Task& task, const Idle& idle) {
+  static void run(Index count, int num_threads, const Task& task, const Idle& idle) {
     num_threads = static_cast<int>(std::min<Index>(num_threads, count));
-    Job job(&task, call<Task>, count, num_threads - 1);
-    const auto work_alone = [&job] {
-      job.work();
-      job.rethrow();
-    };
-    if (num_threads <= 1 || is_busy()) return work_alone();
+    if (num_threads <= 1 || is_busy()) {  // small fronts come here by the thousand
+      go_alone(count, task);
+    } else {
+      mine().share(count, num_threads, task, idle);
+    }
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  /// As long as it takes to wake a thread, about: who sleeps later, sleeps in vain.
+  static constexpr std::chrono::microseconds patience{60};
+
+  Team() = default;
+  /// That of the calling thread.
+  static Team& mine() {
+    thread_local Team team;
+    return team;
+  }
+
+  template <typename Task>
+  ROTAVG_ONE_COPY static void call(const void* task, Index k) {
+    (*static_cast<const Task*>(task))(k);
+  }
+  template <typename Task>
+  static void go_alone(Index count, const Task& task) {
+    for (Index k = 0; k < count; ++k) call<Task>(&task, k);
+  }
+
+  template <typename Task, typename Idle>
+  void share(Index count, int num_threads, const Task& task, const Idle& idle) {
     const auto before = Clock::now();
     if (before >= alone_until_) hire(num_threads - 1);
     const AtTask at_task;  // alone or not, what a task calls stays here
-    if (before < alone_until_) return work_alone();
+    if (before < alone_until_) return go_alone(count, task);
+    Job job(&task, call<Task>, count, num_threads - 1);
     state_->post(&job, num_threads - 1);
     const auto posted = Clock::now();
     job.work();
@@ -82,16 +102,6 @@ class Team {
     const Clock::duration lost = (posted - before) + (after - done) - Clock::duration(job.helped);
     if (lost > Clock::duration::zero()) alone_until_ = after + 20 * lost;
     job.rethrow();
-  }
-
- private:
-  using Clock = std::chrono::steady_clock;
-  /// As long as it takes to wake a thread, about: who sleeps later, sleeps in vain.
-  static constexpr std::chrono::microseconds patience{60};
-
-  template <typename Task>
-  ROTAVG_ONE_COPY static void call(const void* task, Index k) {
-    (*static_cast<const Task*>(task))(k);
   }
 
   struct Job {
@@ -193,8 +203,6 @@ class Team {
       }
     }
   };
-
-  Team() = default;
 
   /// Whether this thread is at a task, so that it gets no help with what that calls.
   static bool& is_busy() {

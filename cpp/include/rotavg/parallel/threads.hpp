@@ -42,13 +42,15 @@ inline int resolve_num_threads(int requested, Index num_edges) {
 /// depend on one another; what one throws is thrown here.
 template <typename Function>
 void parallel_for(Index count, int num_threads, Function&& f) {
+  if (count <= 0) return;
   // More parts than threads: who comes late, or is held up, takes fewer.
   const int parts_each = num_threads > 1 ? 6 : 1;
   const Index parts = std::min(count, parts_each * std::max(num_threads, 1));
   const auto begin_of = [&](Index part) {
+    if (part == 0 || part == parts) return part == 0 ? 0 : count;
     return static_cast<Index>(static_cast<long long>(count) * part / parts);
   };
-  Team::mine().run(
+  Team::run(
       parts, num_threads,
       [&](Index part) {
         const Index end = begin_of(part + 1);

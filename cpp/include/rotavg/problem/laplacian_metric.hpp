@@ -52,18 +52,9 @@ class LaplacianMetric {
     result.setZero(v.rows(), 3);
     for (Factor& factor : factors_) {
       const Elimination& elimination = *factor.elimination;
-      free_.resize(elimination.size(), 3);
-      const auto for_each_row = [&](auto&& f) {
-        parallel_for(elimination.size(),
-                     threads_for(elimination.num_threads(), 5.0 * elimination.size()), f);
-      };
-      for_each_row([&](Index a) {
-        for (int c = 0; c < 3; ++c) free_(a, c) = 0.25 * v(elimination.node(a), c);
-      });
-      factor.cholesky.solve_in_place(free_);
-      for_each_row([&](Index a) {
-        for (int c = 0; c < 3; ++c) result(elimination.node(a), c) = free_(a, c);
-      });
+      factor.cholesky.solve_entries(
+          3, [&](Index a, int c) { return 0.25 * v(elimination.node(a), c); },
+          [&](Index a, int c, double solved) { result(elimination.node(a), c) = solved; });
     }
   }
 
@@ -76,7 +67,6 @@ class LaplacianMetric {
   const MeasurementGraph& graph_;
   std::vector<Elimination>& eliminations_;
   std::vector<Factor> factors_;
-  Eigen::MatrixXd free_;
 };
 
 }  // namespace rotavg

@@ -38,7 +38,7 @@ std::vector<Sum> sums_at_nodes(const MeasurementGraph& graph, int num_threads, A
   const auto begin_of = [&](Index part) {
     return static_cast<Index>(static_cast<long long>(m) * part / parts);
   };
-  Team::mine().run(
+  Team::run(
       parts, num_threads,
       [&](Index part) {
         std::vector<Sum>& own = by_part[part];
