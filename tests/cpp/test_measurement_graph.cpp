@@ -2,6 +2,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <numeric>
 #include <string>
 #include <vector>
 
@@ -236,24 +237,32 @@ TEST_CASE("bad quaternions are refused") {
   refused({infinity, 0.0, 0.0, 0.0}, "NaN or an infinity");
 }
 
-TEST_CASE("rows of half-edges one behind the other are those of the graph") {
+TEST_CASE("rows of half-edges one behind the other are those of the graph, in any order") {
   Random random;
   INFO(random.replay());
   for (int k = 0; k < 50; ++k) {
     const MeasurementGraph graph = scattered_graph(random);
-    const HalfEdgeRows rows(graph);
-    REQUIRE(rows.num_nodes() == graph.num_nodes());
-    for (Index l = 0; l < graph.num_nodes(); ++l) {
-      REQUIRE(rows.row(l).size() == graph.row(l).size());
-      auto expected = graph.row(l).begin();
-      for (const HalfEdge& h : rows.row(l)) {
-        const HalfEdge e = *expected;
-        ++expected;
-        REQUIRE(h.node == e.node);
-        REQUIRE(h.edge_and_end == e.edge_and_end);
-        REQUIRE(h.node_from_l.coeffs() == e.node_from_l.coeffs());
+    std::vector<Index> order(static_cast<std::size_t>(graph.num_nodes()));
+    std::iota(order.rbegin(), order.rend(), 0);
+    const HalfEdgeRows plain(graph), reversed(graph, &order);
+    for (const HalfEdgeRows* rows : {&plain, &reversed}) {
+      REQUIRE(rows->num_nodes() == graph.num_nodes());
+      REQUIRE(rows->num_edges() == graph.num_edges());
+      for (Index l = 0; l < graph.num_nodes(); ++l) {
+        REQUIRE(rows->row(l).size() == graph.row(l).size());
+        auto expected = graph.row(l).begin();
+        for (const HalfEdge& h : rows->row(l)) {
+          const HalfEdge e = *expected;
+          ++expected;
+          REQUIRE(h.node == e.node);
+          REQUIRE(h.edge_and_end == e.edge_and_end);
+          REQUIRE(h.node_from_l.coeffs() == e.node_from_l.coeffs());
+        }
       }
     }
+    if (graph.num_nodes() < 2 || graph.row(0).size() == 0) continue;
+    CHECK(plain.row(0).begin() < plain.row(graph.num_nodes() - 1).end());
+    CHECK(reversed.row(0).begin() >= reversed.row(graph.num_nodes() - 1).end());
   }
 }
 

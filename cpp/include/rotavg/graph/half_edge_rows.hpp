@@ -30,27 +30,29 @@ class HalfEdgeRows {
   };
 
   /// The graph may be gone, or have other weights, later: these stay.
-  explicit HalfEdgeRows(const MeasurementGraph& graph) {
-    const auto n = static_cast<std::size_t>(graph.num_nodes());
-    start_.reserve(n + 1);
-    half_edges_.reserve(2 * graph.edges().size());
-    for (Index l = 0; l < graph.num_nodes(); ++l) {
-      start_.push_back(half_edges_.size());
+  /// @param order (n,) all nodes, in the order in which loops go through them; by default that of
+  ///        the graph
+  explicit HalfEdgeRows(const MeasurementGraph& graph, const std::vector<Index>* order = nullptr) {
+    half_edges_.reserve(2 * graph.edges().size());  // which then stay where they are
+    rows_.assign(static_cast<std::size_t>(graph.num_nodes()), {nullptr, nullptr});
+    for (Index k = 0; k < graph.num_nodes(); ++k) {
+      const Index l = order ? (*order)[static_cast<std::size_t>(k)] : k;
+      const HalfEdge* const begin = half_edges_.data() + half_edges_.size();
       for (const HalfEdge& h : graph.row(l)) half_edges_.push_back(h);
+      rows_[static_cast<std::size_t>(l)] = {begin, half_edges_.data() + half_edges_.size()};
     }
-    start_.push_back(half_edges_.size());
   }
+  HalfEdgeRows(const HalfEdgeRows&) = delete;
+  HalfEdgeRows& operator=(const HalfEdgeRows&) = delete;
 
-  Index num_nodes() const { return static_cast<Index>(start_.size()) - 1; }
+  Index num_nodes() const { return static_cast<Index>(rows_.size()); }
   Index num_edges() const { return static_cast<Index>(half_edges_.size() / 2); }
   /// As MeasurementGraph::row.
-  Row row(Index l) const {
-    return {half_edges_.data() + start_[l], half_edges_.data() + start_[l + 1]};
-  }
+  const Row& row(Index l) const { return rows_[static_cast<std::size_t>(l)]; }
 
  private:
-  std::vector<std::size_t> start_;
   std::vector<HalfEdge> half_edges_;
+  std::vector<Row> rows_;
 };
 
 }  // namespace rotavg

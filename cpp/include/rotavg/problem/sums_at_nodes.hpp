@@ -45,9 +45,18 @@ std::vector<Sum> sums_at_nodes(const MeasurementGraph& graph, int num_threads, A
         own.resize(static_cast<std::size_t>(n));
         const auto& edges = graph.quaternion_edges();
         const Index end = begin_of(part + 1);
+        // Often edges from one node follow one another: its sum stays in registers meanwhile.
+        Index i = -1;
+        Sum at_i{};
         for (Index k = begin_of(part); k < end; ++k) {
-          add_edge(k, own[edges[k].i], own[edges[k].j]);
+          if (edges[k].i != i) {
+            if (i >= 0) own[i] += at_i;
+            i = edges[k].i;
+            at_i = Sum{};
+          }
+          add_edge(k, at_i, own[edges[k].j]);
         }
+        if (i >= 0) own[i] += at_i;
       },
       [] {});
   parallel_for(n, num_threads, [&](Index l) {

@@ -87,7 +87,7 @@ inline IterationResult bcd(const MeasurementGraph& graph, const Rotations& R,
   Monitor monitor(graph, R, options);
   Quaternions q = to_quaternions(R);
   ResidualQuaternions residuals(graph, q, monitor.num_threads());
-  const HalfEdgeRows rows(graph);
+  const HalfEdgeRows rows(graph, coloring ? &coloring->node : nullptr);
   double step = 0.0;
   while (!monitor.should_stop(residuals.objective(), residuals.gradient_norm(), step)) {
     step = coloring ? bcd_sweep(rows, *coloring, q, monitor) : bcd_sweep(rows, q, monitor);

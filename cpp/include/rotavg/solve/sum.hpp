@@ -8,7 +8,7 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/davenport.hpp>
-#include <rotavg/problem/objective.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/so3/loso_quaternion.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/solve/monitor.hpp>
@@ -47,7 +47,7 @@ struct StepSums {
 /// returned is summed edge by edge.
 inline IterationResult restated(const MeasurementGraph& graph, IterationResult result,
                                 int num_threads) {
-  result.objective = objective(graph, result.rotations, num_threads);
+  result.objective = objective(graph, to_quaternions(result.rotations), num_threads);
   return result;
 }
 
