@@ -3,8 +3,8 @@
     .. cpp-headers:: solve
 
 stands for all headers of the folder rotavg/solve, each with every public name that it declares in
-the namespace rotavg, or rotavg::io. So a new header, or a new name in one, is in the reference without further
-doing; what is in the namespace `detail` is not.
+the namespace rotavg, or rotavg::io. So a new header, or a new name in one, is in the reference
+without further doing; what is in the namespace `detail` is not.
 """
 
 from __future__ import annotations

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <map>
 #include <set>
@@ -12,6 +13,7 @@
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/io/g2o.hpp>
+#include <rotavg/io/g2o_dialect.hpp>
 #include <rotavg/io/graph_file.hpp>
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/so3/small_products.hpp>
