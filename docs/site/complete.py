@@ -56,7 +56,7 @@ def cpp_names() -> set[str]:
             scope == "rotavg" or cpp_reference.public(scope)
         ):
             continue
-        if scope != "rotavg":
+        if entry.attrib["kind"] != "namespace":
             names.add(scope)
         for found in element.iter("memberdef"):
             name = cpp_reference.text_of(found.find("name"))

@@ -3,8 +3,8 @@
     .. cpp-headers:: solve
 
 stands for all headers of the folder rotavg/solve, each with every public name that it declares in
-the namespace rotavg. So a new header, or a new name in one, is in the reference without further
-doing; what is in the namespace `detail` is not.
+the namespace rotavg, or rotavg::io. So a new header, or a new name in one, is in the reference
+without further doing; what is in the namespace `detail` is not.
 """
 
 from __future__ import annotations
@@ -237,15 +237,17 @@ def class_of(refid: str) -> list[str]:
 def header(file: ET.Element) -> list[str]:
     """A section for a header; nothing for one that declares no name for users."""
     path = location(file)
+    namespace = "rotavg::io" if path.startswith("rotavg/io/") else "rotavg"
     classes = [
         inner.attrib["refid"]
-        for inner in file.findall("innerclass")
-        if text_of(inner).count("::") == 1  # what lies in a class stands with it
+        for inner in file.findall("innerclass")  # what lies in a class stands with it
+        if text_of(inner).rpartition("::")[0] == namespace
     ]
     declared: list[tuple[int, list[str]]] = [
         (int(compound(refid).find("location").attrib["line"]), class_of(refid)) for refid in classes
     ]
-    for element in compound("namespacerotavg").iter("memberdef"):
+    refid = "namespace" + namespace.replace("::", "_1_1")
+    for element in compound(refid).iter("memberdef"):
         at = element.find("location")
         assert at is not None
         # A definition elsewhere (`_impl`) does not count: its declaration does.
@@ -260,7 +262,7 @@ def header(file: ET.Element) -> list[str]:
     return [
         f".. _cpp-{path}:", "", title, "-" * len(title), "",
         ".. code-block:: cpp", "", f"   #include <{path}>", "",
-        *said, ".. cpp:namespace:: rotavg", "", *body,
+        *said, f".. cpp:namespace:: {namespace}", "", *body,
     ]  # fmt: skip
 
 

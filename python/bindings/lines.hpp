@@ -4,11 +4,9 @@
 // Nothing here knows Python, files, or what the numbers mean.
 
 #include <algorithm>
-#include <charconv>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
-#include <system_error>
 #include <vector>
 
 namespace rotavg_python {
@@ -99,37 +97,5 @@ class Fields {
   char separator_;
   bool ended_ = false;
 };
-
-inline bool is_digit(char c) { return c >= '0' && c <= '9'; }
-
-/// Whether this is an integer of any size as everyone writes it: no +, no zeros before it.
-inline bool is_plain_integer(const char* begin, const char* end) {
-  if (begin < end && *begin == '-') {
-    ++begin;
-    if (end - begin == 1 && *begin == '0') return false;
-  }
-  if (begin == end || (end - begin > 1 && *begin == '0')) return false;
-  return std::all_of(begin, end, is_digit);
-}
-
-inline bool read_integer(const char* begin, const char* end, std::int64_t& value) {
-  if (!is_plain_integer(begin, end)) return false;
-  const auto [stop, error] = std::from_chars(begin, end, value);
-  return error == std::errc{} && stop == end;
-}
-
-/// A finite number in decimals, to the nearest double; false for all else.
-inline bool read_number(const char* begin, const char* end, double& value) {
-#ifdef __cpp_lib_to_chars
-  if (begin == end) return false;
-  const char* const digits = *begin == '+' || *begin == '-' ? begin + 1 : begin;
-  if (digits == end || !(is_digit(*digits) || *digits == '.')) return false;
-  const auto [stop, error] = std::from_chars(*begin == '+' ? digits : begin, end, value);
-  return error == std::errc{} && stop == end;
-#else
-  (void)begin, (void)end, (void)value;
-  return false;
-#endif
-}
 
 }  // namespace rotavg_python

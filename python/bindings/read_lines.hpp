@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include <rotavg/io/numbers.hpp>
 #include <rotavg/parallel/threads.hpp>
 
 #include "lines.hpp"
@@ -103,13 +104,13 @@ class LineReader {
     switch (column) {
       case 'n': {
         double value = 0.0;
-        const bool good = read_number(begin, end, value);
+        const bool good = rotavg::io::read_number(begin, end, value);
         rows.numbers.push_back(value);
         return good;
       }
       case 'i': {
         std::int64_t value = 0;
-        const bool good = read_integer(begin, end, value);
+        const bool good = rotavg::io::read_integer(begin, end, value);
         rows.integers.push_back(value);
         return good;
       }

@@ -49,7 +49,7 @@ py::object joined_names(const char* text, Parts& parts, std::size_t kind, py::ss
   for (const Part& part : parts) {
     for (const Place& name : part.rows[kind].names) {
       const char* const begin = text + name.begin;
-      integers = integers && is_plain_integer(begin, begin + name.size);
+      integers = integers && rotavg::io::is_plain_integer(begin, begin + name.size);
       width = std::max(width, name.size);
     }
   }

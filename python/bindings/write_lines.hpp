@@ -4,63 +4,15 @@
 
 #include <algorithm>
 #include <charconv>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
 
+#include <rotavg/io/numbers.hpp>
 #include <rotavg/parallel/threads.hpp>
 
 namespace rotavg_python {
-
-/// Appends the shortest text that reads back as this double, laid out as Python's repr: with an
-/// exponent from 1e16 on and below 1e-4, and otherwise with a point.
-inline void append_number(std::string& text, double value) {
-#ifdef __cpp_lib_to_chars
-  char digits[32];
-  const char* const end =
-      std::to_chars(digits, digits + sizeof digits, value, std::chars_format::scientific).ptr;
-  const char* at = digits;
-  if (std::isnan(value)) {
-    text += "nan";
-    return;
-  }
-  if (*at == '-') text += *at++;
-  if (std::isinf(value)) {
-    text += "inf";
-    return;
-  }
-  const char* const mark = std::find(at, end, 'e');
-  int exponent = 0;
-  std::from_chars(mark[1] == '+' ? mark + 2 : mark + 1, end, exponent);
-  if (exponent < -4 || exponent >= 16) {  // as it is
-    text.append(at, end);
-    return;
-  }
-  const int given = mark - at > 1 ? static_cast<int>(mark - at) - 1 : 1;  // digits
-  const char* const behind = at + 2;                                      // those behind the first
-  if (exponent < 0) {
-    text += "0.";
-    text.append(static_cast<std::size_t>(-exponent - 1), '0');
-    text += *at;
-    text.append(behind, static_cast<std::size_t>(given - 1));
-    return;
-  }
-  text += *at;
-  const int before = std::min(given - 1, exponent);
-  text.append(behind, static_cast<std::size_t>(before));
-  text.append(static_cast<std::size_t>(exponent - before), '0');
-  text += '.';
-  if (given - 1 > before) {
-    text.append(behind + before, static_cast<std::size_t>(given - 1 - before));
-  } else {
-    text += '0';
-  }
-#else
-  (void)text, (void)value;
-#endif
-}
 
 /// A table to write: in every line the tag, the integers and the numbers of a row, and a tail.
 struct Output {
@@ -94,7 +46,7 @@ inline void append_row(std::string& text, const Output& table, std::size_t row) 
     if (table.short_zeros && value == 0.0) {
       text += '0';
     } else {
-      append_number(text, value);
+      rotavg::io::append_number(text, value);
     }
   }
   text += table.tail;

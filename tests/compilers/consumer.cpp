@@ -6,9 +6,13 @@
 #include <cstddef>
 #include <cstdio>
 #include <random>
+#include <sstream>
 #include <stdexcept>
 #include <vector>
 
+#include <rotavg/io/g2o.hpp>
+#include <rotavg/io/g2o_write.hpp>
+#include <rotavg/io/text.hpp>
 #include <rotavg/rotavg.hpp>
 
 namespace {
@@ -198,6 +202,37 @@ void see_through_outliers(const rotavg::Solution& clean) {
   expect(refuted > 0, "the cycle check");
 }
 
+/// A graph and its solution come back from every format; what is no graph is refused.
+void read_and_write(const rotavg::MeasurementGraph& graph, const rotavg::Solution& solution) {
+  namespace io = rotavg::io;
+  const auto objective_of = [&](const io::GraphFile& file) {
+    return rotavg::objective(file.graph(), solution.rotations);
+  };
+  std::istringstream text(io::to_text(graph)), csv(io::to_csv(graph)), g2o(io::to_g2o(graph));
+  expect(is_close(objective_of(io::read_text(text)), solution.objective), "text");
+  expect(is_close(objective_of(io::read_csv(csv)), solution.objective), "CSV");
+  const io::PoseFile file = io::read_g2o(g2o);
+  expect(is_close(objective_of(file), solution.objective), "g2o");
+  std::istringstream back(io::to_g2o(file, solution.rotations, solution.components));
+  const io::PoseFile solved = io::read_g2o(back);
+  rotavg::Rotations R;
+  for (const io::Vertex& vertex : solved.vertices) R.push_back(vertex.world_from_node);
+  expect(is_close(rotavg::objective(graph, R), solution.objective), "a solution in g2o");
+  std::istringstream known(io::to_text(graph.nodes(), solution.rotations));
+  const auto fixed = io::of_graph(io::read_text_rotations(known), file);
+  expect(fixed.size() == solution.rotations.size(), "rotations");
+  std::istringstream gravity("100 0 1 0\n");
+  expect(io::of_graph(io::read_gravity(gravity), file).size() == 1, "gravity");
+  std::istringstream wrong("0 1 2\n");
+  bool thrown = false;
+  try {
+    io::read_text(wrong);
+  } catch (const io::FormatError& error) {
+    thrown = error.line() == 1;
+  }
+  expect(thrown, "a bad file is refused");
+}
+
 }  // namespace
 
 int main() {
@@ -206,6 +241,7 @@ int main() {
   expect(solution.certificate.verdict == rotavg::Verdict::proved, "the proof");
   solve_in_all_ways(graph, solution.objective);
   certify(graph, solution);
+  read_and_write(graph, solution);
   look_around(graph, solution);
   tell_uncertainty(graph, solution.rotations);
   use_priors(graph, solution.rotations);

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -28,3 +30,26 @@ def test_the_python_programs_run_in_order(
     for block in others:
         exec(block, names)
     assert (tmp_path / "solved.g2o").is_file()
+
+
+def cpp_programs() -> list[str]:
+    """Those of the README, and what stands in a function of a page as such."""
+    programs = re.findall(r"```cpp\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    page = README.parent / "docs" / "formats.md"
+    (part,) = re.findall(r"```cpp\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    headers = ("io/node_table.hpp", "io/text.hpp", "rotavg.hpp")
+    includes = "".join(f"#include <rotavg/{header}>\n" for header in headers)
+    return [*programs, f"{includes}int main() {{\n{part}}}\n"]
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="there is no g++")
+@pytest.mark.parametrize("program", cpp_programs())
+def test_the_cpp_programs_compile(program: str) -> None:
+    eigen = Path("/usr/include/eigen3")
+    if not eigen.is_dir():
+        pytest.skip(f"Eigen is not in {eigen}")
+    command = ["g++", "-std=c++17", "-fsyntax-only", "-Wall", "-Wextra", "-DROTAVG_COMPILED"]
+    command += [f"-I{README.parent}/cpp/include", f"-isystem{eigen}", "-xc++", "-"]
+    done = subprocess.run(command, input=program, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr

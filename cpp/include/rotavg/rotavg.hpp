@@ -3,7 +3,7 @@
 /// rotavg: absolute rotations from relative ones, with a proof of optimality.
 /// Layers, each using only those before it:
 ///   types -> parallel, so3 -> linalg -> graph -> problem -> reduction -> init, certify -> solve ->
-///   robust, uncertainty, anisotropic
+///   robust, uncertainty, anisotropic -> io, which is not included here
 
 // The entry points, and what they take and return.
 #include <rotavg/anisotropic/certify.hpp>

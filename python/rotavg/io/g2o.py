@@ -79,7 +79,7 @@ def read_g2o(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
             unknown[tag] += 1
     if not edges:
         raise FormatError(f"the file has no edges: {_no_line(vertices, unknown)}", path=path)
-    dialect = max(edges, key=lambda d: len(edges[d].lines))
+    dialect = max((d for d in DIALECTS if d in edges), key=lambda d: len(edges[d].lines))
     unknown += Counter({d.edge: len(e.lines) for d, e in edges.items() if d is not dialect})
     unknown += Counter({d.vertex: len(v.lines) for d, v in vertices.items() if d is not dialect})
     return _graph(path, data, options, dialect, edges[dialect], vertices[dialect], fixed, unknown)
