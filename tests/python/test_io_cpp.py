@@ -6,6 +6,7 @@ They are run by the program tests/cpp/read_files.cpp, named by ROTAVG_READ_FILES
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import warnings
 from collections.abc import Iterator, Sequence
@@ -261,8 +262,14 @@ def test_what_is_written_is_the_same_text(tmp_path: Path) -> None:
         path = tmp_path / f"{name}.dat"
         rotavg.write(path, item, format=name)
         (text,) = run([(f"{name}:w", path)])
+        assert isinstance(text, bytes)
         rotavg.write(path, rotavg.read(path, format=name), format=name)
-        assert text == path.read_bytes(), name
+        # Both normalise what they read, and round once more as their compilers choose.
+        number = re.compile(rb"-?\d[\d.]*(?:e[+-]?\d+)?")
+        given, expected = text, path.read_bytes()
+        assert number.sub(b"#", given) == number.sub(b"#", expected), name
+        numbers = [np.array(number.findall(t), dtype=float) for t in (given, expected)]
+        np.testing.assert_allclose(numbers[0], numbers[1], rtol=1e-15, atol=1e-15)
 
 
 def test_poses_go_back_into_their_file(tmp_path: Path) -> None:
