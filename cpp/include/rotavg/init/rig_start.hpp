@@ -8,10 +8,12 @@
 #include <utility>
 #include <vector>
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Core>
 
+#include <rotavg/linalg/small_eigen.hpp>
 #include <rotavg/reduction/rig_layout.hpp>
 #include <rotavg/so3/nearest.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -65,10 +67,9 @@ inline Matrix3 hand_eye(const std::vector<std::pair<Matrix3, Matrix3>>& pairs) {
       for (int b = 0; b < 3; ++b) K.block<3, 3>(3 * a, 3 * b) += R(b, a) * Q.transpose();
     }
   }
-  const Eigen::SelfAdjointEigenSolver<Matrix9> eigen(Matrix9(K * K.transpose()));
-  const Eigen::Matrix<double, 9, 1> x = eigen.eigenvectors().col(8);
+  const Eigen::VectorXd x = small_eigen(K * K.transpose()).vectors.col(8);
   const Matrix3 X = Eigen::Map<const Matrix3>(x.data());
-  return nearest_rotation(X.determinant() < 0.0 ? Matrix3(-X) : X);
+  return nearest_rotation(determinant(X) < 0.0 ? Matrix3(-X) : X);
 }
 
 /// Finds one sensor more, where its images and those of known sensors are in different parts: from

@@ -7,11 +7,11 @@
 #include <vector>
 
 #include <Eigen/Core>
-#include <Eigen/Eigenvalues>
 
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/linalg/small_eigen.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/problem/laplacian_metric.hpp>
@@ -116,8 +116,8 @@ class SharedMetric {
       scale(c) = degree > 0.0 ? 1.0 / std::sqrt(4.0 * degree) : 0.0;
     }
     schur = scale.asDiagonal() * (0.5 * (schur + schur.transpose())) * scale.asDiagonal();
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(schur);
-    Eigen::VectorXd inverse = eigen.eigenvalues();
+    const SmallEigen eigen = small_eigen(schur);
+    Eigen::VectorXd inverse = eigen.values;
     determined_.assign(static_cast<std::size_t>(S), true);
     for (Index k = 0; k < 3 * S; ++k) {
       if (inverse(k) > nothing) {
@@ -126,11 +126,11 @@ class SharedMetric {
       }
       inverse(k) = 0.0;
       for (Index c = 0; c < 3 * S; ++c) {
-        if (std::abs(eigen.eigenvectors()(c, k)) > 1e-3) determined_[c / 3] = false;
+        if (std::abs(eigen.vectors(c, k)) > 1e-3) determined_[c / 3] = false;
       }
     }
-    inverse_ = scale.asDiagonal() * eigen.eigenvectors() * inverse.asDiagonal() *
-               eigen.eigenvectors().transpose() * scale.asDiagonal();
+    inverse_ = scale.asDiagonal() * eigen.vectors * inverse.asDiagonal() *
+               eigen.vectors.transpose() * scale.asDiagonal();
   }
 
   /// M^-1 r.
