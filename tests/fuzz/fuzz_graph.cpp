@@ -12,6 +12,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include <rotavg/init/shortest_path.hpp>
 #include <rotavg/rotavg.hpp>
 
 namespace {
@@ -137,8 +138,16 @@ void solve(Bytes& bytes) {
   }
   const Solution solution = rotavg::solve(graph, options);
   check(solution.rotations, solution.objective);
-  const Certificate again = certify(graph, solution.rotations, options.certificate);
-  expect(again.gap >= 0.0);
+  // No rotations are below the bound that the certificate of any others gives.
+  const Rotations others[] = {solution.rotations, shortest_path_init(graph),
+                              Rotations(solution.rotations.size(), Matrix3::Identity())};
+  for (const Rotations& R : others) {
+    const Certificate certificate = certify(graph, R, options.certificate);
+    expect(certificate.gap >= 0.0);
+    const double bound = objective(graph, R) - certificate.gap;
+    const double rounding = 1e-12 * graph.total_weight();
+    for (const Rotations& Q : others) expect(!(bound > objective(graph, Q) + rounding));
+  }
   if (how == 4) covariances(graph, solution.rotations, {{0, graph.num_nodes() - 1}});
 }
 
