@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <stdexcept>
 #include <thread>
 #include <vector>
@@ -52,6 +53,9 @@ TEST_CASE("a parallel loop calls its function once for every index") {
     rotavg::parallel_for(1001, num_threads, [&](Index k) { ++calls[static_cast<std::size_t>(k)]; });
     CHECK(calls == std::vector<int>(1001, 1));
   }
+  std::atomic<int> calls{0};  // more threads are asked for than any system has
+  rotavg::parallel_for(12, std::numeric_limits<int>::max(), [&](Index) { ++calls; });
+  CHECK(calls == 12);
 }
 
 TEST_CASE("a loop within a loop stays on its thread, and calls from several threads do not mix") {

@@ -44,8 +44,9 @@ template <typename Function>
 void parallel_for(Index count, int num_threads, Function&& f) {
   if (count <= 0) return;
   // More parts than threads: who comes late, or is held up, takes fewer.
-  const int parts_each = num_threads > 1 ? 6 : 1;
-  const Index parts = std::min(count, parts_each * std::max(num_threads, 1));
+  const long long parts_each = num_threads > 1 ? 6 : 1;
+  const auto parts =
+      static_cast<Index>(std::min<long long>(count, parts_each * std::max(num_threads, 1)));
   const auto begin_of = [&](Index part) {
     if (part == 0 || part == parts) return part == 0 ? 0 : count;
     return static_cast<Index>(static_cast<long long>(count) * part / parts);
