@@ -36,7 +36,7 @@ def main() -> None:
     from tests.fuzz.readers import fuzz as fuzz_readers
 
     warnings.simplefilter("ignore")
-    simulation = rotavg.simulate("sphere", 200, noise=0.05, seed=1)
+    simulation = rotavg.simulate("sphere", 60, noise=0.05, seed=1)
     graph = simulation.graph
     one = rotavg.solve(graph, num_threads=1)
     for method in ("bcd", "sum", "newton", "staircase"):
@@ -60,7 +60,7 @@ def main() -> None:
             rotavg.write(Path(folder) / name, graph)
             back = rotavg.read(Path(folder) / name)
             assert np.abs(back.rotations - graph.rotations).max() < 1e-14
-    faults = fuzz_arrays(cases=300, seed=0, threads=2)
+    faults = fuzz_arrays(cases=100, seed=0, threads=2)
     for form in ("g2o", "text", "csv", "1dsfm"):
         faults += fuzz_readers(form, cases=100, seed=0).faults
     assert not faults, "\n".join(faults[:3])
