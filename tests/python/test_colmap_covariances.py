@@ -15,7 +15,10 @@ import pytest
 from numpy.typing import NDArray
 
 import rotavg
-from rotavg.graph.conventions import convert_family, matrices_from_rotvecs
+import rotavg.colmap
+from benchmarks import colmap_pairs
+from benchmarks.colmap_pairs import true_rotations
+from rotavg.graph.conventions import matrices_from_rotvecs
 from rotavg.graph.two_views import epipolar_equations, turn_equations
 from rotavg.io import colmap_covariances
 
@@ -130,34 +133,9 @@ def test_predicted_covariances_are_those_of_monte_carlo(seed: int) -> None:
 # With COLMAP's own databases.
 
 
-def dataset(path: Path, seed: int, noise: float = 1.0, **options: Any) -> Any:
-    """A synthetic scene whose pairs are verified again from its noisy points; the truth."""
-    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is not installed")
-    pycolmap.logging.minloglevel = 3
-    pycolmap.set_random_seed(seed)
-    settings = {"num_rigs": 1, "num_frames_per_rig": 8, "num_points3D": 200, **options}
-    with pycolmap.Database.open(str(path)) as database:
-        truth = pycolmap.synthesize_dataset(pycolmap.SyntheticDatasetOptions(**settings), database)
-        of_points = pycolmap.SyntheticNoiseOptions(point2D_stddev=noise)
-        pycolmap.synthesize_noise(of_points, truth, database)
-        cameras = {camera.camera_id: camera for camera in database.read_all_cameras()}
-        for camera in cameras.values():
-            camera.has_prior_focal_length = True  # calibrated
-        camera_of = {image.image_id: image.camera_id for image in database.read_all_images()}
-        points = {k: database.read_keypoints(k)[:, :2].astype(np.float64) for k in camera_of}
-        verify = pycolmap.TwoViewGeometryOptions(compute_relative_pose=True)
-        verify.ransac.random_seed = seed
-        for pair in database.read_two_view_geometries()[0]:
-            i, j = pycolmap.pair_id_to_image_pair(pair)
-            sides = cameras[camera_of[i]], points[i], cameras[camera_of[j]], points[j]
-            found = pycolmap.estimate_two_view_geometry(*sides, database.read_matches(i, j), verify)
-            database.update_two_view_geometry(i, j, found)
-    return truth
-
-
-def true_rotations(truth: Any, names: list[str]) -> Array:
-    of = {image.name: image.cam_from_world().rotation.matrix() for image in truth.images.values()}
-    return np.asarray(convert_family(np.array([of[name] for name in names]), "vision"))
+def dataset(path: Path, seed: int, **options: Any) -> Any:
+    pytest.importorskip("pycolmap", reason="pycolmap is not installed")
+    return colmap_pairs.dataset(path, seed, **options)
 
 
 def mean_error(solution: rotavg.Solution, R: Array) -> float:

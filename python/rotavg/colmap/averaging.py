@@ -50,7 +50,7 @@ def run_rotation_averaging(
             reference sensors, as it does for COLMAP: there only the heading is free.
         database: COLMAP's, of these images: then the covariances of the relative rotations are
             estimated from its inliers and honoured (`anisotropic=True`, docs/covariances.md), but
-            where sensors are not known, or gravity leaves but the headings.
+            where gravity leaves but the headings.
         **solve_options: of `rotavg.solve`, such as `loss`, `method` and `num_threads`.
 
     Returns:
@@ -180,7 +180,7 @@ def _solve(
     elif not frames.are_trivial:
         priors = replace(priors, rigs={k: (f, known[s]) for k, (f, s) in pictures.items()})
     nothing = not priors.rigs and not priors.gravity
-    if graph.covariances is not None and not frames.unknown:
+    if graph.covariances is not None:
         settings.setdefault("anisotropic", True)
     solution = solve(
         graph, priors=None if nothing else priors, **{"robust_priors": False, **settings}

@@ -87,8 +87,7 @@ def reconstruct(
         num_threads: None for all processors; with 1 the mapper gives the same points each time.
         loss: of `rotavg.solve`: photographs have wrong pairs.
         anisotropic: whether to estimate the covariances of the relative rotations from the inliers
-            of the pairs, and to honour them (docs/covariances.md); not with rigs whose sensors are
-            not known.
+            of the pairs, and to honour them (docs/covariances.md).
         solve_options: further ones of `rotavg.solve`.
 
     Raises:
