@@ -374,7 +374,10 @@ TEST_CASE("gravity is of precision w (I - g g^T), and a free heading keeps nothi
       const Vector3 down = tilt * free.rotations[node].transpose() * world * priors.down;
       priors.gravity.push_back({node, down, w * (1.0 + node)});
     }
-    if (k % 3 == 0) priors.absolute.push_back({5, random.rotation(), 0.2 * w});
+    if (k % 3 == 0) {
+      const Matrix3 near = exp_so3(0.1 * random.direction());
+      priors.absolute.push_back({5, near * world.transpose() * free.rotations[5], 0.2 * w});
+    }
     const GroundedGraph problem(graph.scalar(), priors);
     const GroundedPrecisions precisions{graph.precisions(), 3.0};
     const AnisotropicGraph grounded = anisotropic_graph(problem, precisions);

@@ -104,6 +104,20 @@ def test_gravity_and_absolute_priors_are_solved_and_proved(seed: int) -> None:
         assert other.objective >= f * (1 - 1e-6)
 
 
+def test_priors_of_nodes_that_are_held_are_constants() -> None:
+    graph, priors, truth = graph_with_priors(1)
+    both = rotavg.Priors(
+        fixed={0: truth[0], 3: truth[3]},
+        absolute={3: (truth[4], 5.0), **priors.absolute},
+        gravity=priors.gravity,
+    )
+    solution = rotavg.solve(graph, anisotropic=True, priors=both)
+    f = objective(graph, solution.rotations, both)
+    assert solution.objective == pytest.approx(f, rel=1e-9)
+    assert solution.trace.objective[-1] == pytest.approx(f, rel=1e-9)
+    assert rotavg.diagnose(solution).node_costs.sum() == pytest.approx(f, rel=1e-9)
+
+
 @pytest.mark.parametrize("seed", [0, 2])
 def test_a_heading_that_is_free_changes_nothing(seed: int) -> None:
     graph, priors, _ = graph_with_priors(seed)

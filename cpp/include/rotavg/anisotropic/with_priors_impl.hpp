@@ -31,9 +31,25 @@ inline double anisotropic_cost(const Matrix3& R_i, const Matrix3& i_from_j, cons
   return 4.0 * dot(v, product(H, v));
 }
 
-/// What the edges cost whose two ends ride on one variable, whatever the others do.
-inline double cost_of_held_edges(const GroundedGraph& problem, const GroundedPrecisions& precisions,
-                                 const Rotations& R) {
+/// What absolute priors and gravity cost, node by node: add(node, cost, tr(H)).
+template <typename Add>
+void add_prior_costs(const GroundedGraph& problem, const GroundedPrecisions& precisions,
+                     const Rotations& R, Add&& add) {
+  const CheckedPriors& priors = problem.priors();
+  for (const auto& p : priors.absolute) {  // H = h I: half the isotropic cost of weight h
+    const double h = precisions.prior * p.weight;
+    add(p.node, 0.5 * h * (R[p.node] - p.world_from_node).squaredNorm(), 3.0 * h);
+  }
+  for (const auto& p : priors.gravity) {
+    const double h = precisions.prior * p.weight;
+    add(p.node, 0.5 * gravity_cost(R[p.node], p.down, priors.down, h), 2.0 * h);
+  }
+}
+
+/// What is the same whatever the variables are: the edges whose two ends ride on one, and the
+/// priors of nodes that ride on the world.
+inline double cost_of_what_is_held(const GroundedGraph& problem,
+                                   const GroundedPrecisions& precisions, const Rotations& R) {
   const auto& given = problem.given().edges();
   std::vector<bool> is_kept(given.size(), false);
   for (const Index k : problem.kept()) is_kept[k] = true;
@@ -43,6 +59,10 @@ inline double cost_of_held_edges(const GroundedGraph& problem, const GroundedPre
     if (is_kept[k]) continue;
     sum += anisotropic_cost(R[e.i], e.i_from_j(), R[e.j], precisions.measurements[k]);
   }
+  if (!problem.has_world()) return sum;
+  add_prior_costs(problem, precisions, R, [&](Index node, double cost, double) {
+    if (problem.riding().variable[node] == 0) sum += cost;
+  });
   return sum;
 }
 
@@ -67,15 +87,7 @@ inline ComponentCosts costs_of_components(const GroundedGraph& problem,
     const Matrix3& H = precisions.measurements[k];
     add(e.i, anisotropic_cost(R[e.i], e.i_from_j(), R[e.j], H), H.trace());
   }
-  const CheckedPriors& priors = problem.priors();
-  for (const auto& p : priors.absolute) {  // H = h I: half the isotropic cost of weight h
-    const double h = precisions.prior * p.weight;
-    add(p.node, 0.5 * h * (R[p.node] - p.world_from_node).squaredNorm(), 3.0 * h);
-  }
-  for (const auto& p : priors.gravity) {
-    const double h = precisions.prior * p.weight;
-    add(p.node, 0.5 * gravity_cost(R[p.node], p.down, priors.down, h), 2.0 * h);
-  }
+  add_prior_costs(problem, precisions, R, add);
   for (std::size_t c = 0; c < count; ++c) {
     costs.rounding[c] = 4.0 * objective_rounding(weight[c], costs.cost[c]);
   }
@@ -107,7 +119,7 @@ ROTAVG_INLINE Solution solve(const GroundedGraph& problem, const GroundedPrecisi
   Solution solution = solve(graph, options, problem.variables_from(R));
   solution.rotations = problem.nodes_from(headed(problem, solution.rotations));
   solution.components = components_of_nodes(problem.riding(), problem.components());
-  const double held = detail::cost_of_held_edges(problem, precisions, solution.rotations);
+  const double held = detail::cost_of_what_is_held(problem, precisions, solution.rotations);
   solution.objective += held;
   for (Progress& progress : solution.trace) progress.objective += held;
   return solution;
