@@ -2,3 +2,4 @@
 
 #include <rotavg/anisotropic/certify_impl.hpp>
 #include <rotavg/anisotropic/solve_impl.hpp>
+#include <rotavg/anisotropic/with_priors_impl.hpp>

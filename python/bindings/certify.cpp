@@ -1,6 +1,13 @@
+#include <cstdint>
+#include <optional>
 #include <utility>
 #include <vector>
 
+#include <pybind11/stl.h>
+
+#include <rotavg/anisotropic/certify.hpp>
+#include <rotavg/anisotropic/graph.hpp>
+#include <rotavg/anisotropic/with_priors.hpp>
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/certify/certify_with_priors.hpp>
 #include <rotavg/init/random.hpp>
@@ -20,6 +27,7 @@
 #include "errors.hpp"
 #include "interrupt.hpp"
 #include "names.hpp"
+#include "options.hpp"
 
 namespace rotavg_python {
 namespace {
@@ -32,20 +40,21 @@ rotavg::Rotations node_rotations(const MeasurementGraph& graph, const DoubleArra
 
 py::dict certify(const MeasurementGraph& graph, const DoubleArray& rotations, double tolerance,
                  double failure_probability, std::uint64_t seed, double max_flops,
-                 double time_limit, int num_threads, const rotavg::GroundedGraph* priors) {
+                 double time_limit, int num_threads, const rotavg::GroundedGraph* priors,
+                 const std::optional<DoubleArray>& precisions, double prior_precision) {
   const rotavg::Rotations R = to_rotations(rotations, "rotations");
   SignalCheck signals;
   const rotavg::Stopwatch watch;
-  rotavg::CertificateOptions options;
-  options.tolerance = tolerance;
-  options.failure_probability = failure_probability;
-  options.seed = seed;
-  options.max_factorization_flops = max_flops;
+  auto options = certificate_options(tolerance, failure_probability, seed, max_flops);
   options.num_threads = num_threads;
   options.keep_going = [&, check = signals.keep_going()] {
     return watch.seconds() < time_limit && check();
   };
+  std::optional<std::vector<rotavg::Matrix3>> H;
+  if (precisions) H = to_rotations(*precisions, "precisions");
   const rotavg::Certificate certificate = without_gil([&] {
+    if (H && priors) return rotavg::certify(*priors, {*H, prior_precision}, R, options);
+    if (H) return rotavg::certify(rotavg::AnisotropicGraph(graph, *H), R, options);
     return priors ? rotavg::certify(*priors, R, options) : rotavg::certify(graph, R, options);
   });
   signals.rethrow();
@@ -98,7 +107,8 @@ void bind_certify(py::module_& m) {
 
   m.def("certify", &certify, py::arg("graph"), py::arg("rotations"), py::kw_only(),
         py::arg("tolerance"), py::arg("failure_probability"), py::arg("seed"), py::arg("max_flops"),
-        py::arg("time_limit"), py::arg("num_threads"), py::arg("priors").none(true));
+        py::arg("time_limit"), py::arg("num_threads"), py::arg("priors").none(true),
+        py::arg("precisions").none(true), py::arg("prior_precision"));
   m.def(
       "objective",
       [](const MeasurementGraph& graph, const DoubleArray& rotations) {

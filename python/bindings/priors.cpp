@@ -104,13 +104,16 @@ rotavg::Rotations node_rotations(const GroundedGraph& problem, const DoubleArray
 
 py::object covariances(const GroundedGraph& problem, const DoubleArray& rotations,
                        const std::optional<IndexArray>& pairs, double noise_variance,
-                       int num_threads) {
+                       int num_threads, const std::optional<DoubleArray>& information,
+                       double prior_information) {
   const rotavg::Rotations R = node_rotations(problem, rotations);
   std::vector<rotavg::NodePair> wanted;
   if (pairs) wanted = node_pairs(*pairs, problem.given().num_nodes());
   rotavg::CovarianceOptions options;
   options.noise_variance = noise_variance;
   options.num_threads = num_threads;
+  if (information) options.information = to_rotations(*information, "information");
+  options.prior_information = prior_information;
   return covariances_or_none(options, [&](const rotavg::CovarianceOptions& checked) {
     return pairs ? rotavg::covariances(problem, R, wanted, checked)
                  : rotavg::marginal_covariances(problem, R, checked);
@@ -230,7 +233,8 @@ void bind_priors(py::module_& m) {
           },
           py::arg("rotations"))
       .def("covariances", &covariances, py::arg("rotations"), py::arg("pairs"), py::kw_only(),
-           py::arg("noise_variance"), py::arg("num_threads"));
+           py::arg("noise_variance"), py::arg("num_threads"), py::arg("information").none(true),
+           py::arg("prior_information"));
 }
 
 }  // namespace rotavg_python

@@ -1,12 +1,9 @@
 #pragma once
 
-// What all solvers tell Python, and how they report to it.
+// What all solvers tell Python.
 
 #include <vector>
 
-#include <pybind11/functional.h>
-
-#include <rotavg/solve/options.hpp>
 #include <rotavg/solve/solution.hpp>
 
 #include "convert.hpp"
@@ -47,15 +44,6 @@ inline py::dict solution_dict(const rotavg::Solution& s) {
   result["seconds"] = py::dict(py::arg("init") = s.timings.init, py::arg("solve") = s.timings.solve,
                                py::arg("certify") = s.timings.certify);
   return result;
-}
-
-/// @param callback of Python; must outlive the result
-inline rotavg::ProgressCallback calling(const py::function& callback) {
-  return [&callback](const rotavg::Progress& progress) {
-    const py::gil_scoped_acquire gil;
-    const py::object answer = callback(progress);
-    return answer.is_none() || answer.cast<bool>();
-  };
 }
 
 }  // namespace rotavg_python

@@ -18,6 +18,7 @@
 #include "errors.hpp"
 #include "interrupt.hpp"
 #include "names.hpp"
+#include "options.hpp"
 #include "solution.hpp"
 
 namespace rotavg_python {
@@ -112,17 +113,11 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
   options.accelerate = accelerate;
   options.max_rank = max_rank;
   options.certify = certify;
-  options.certificate.tolerance = certificate_tolerance;
-  options.certificate.failure_probability = certificate_failure_probability;
-  options.certificate.seed = certificate_seed;
-  options.certificate.max_factorization_flops = certificate_max_flops;
+  options.certificate = certificate_options(certificate_tolerance, certificate_failure_probability,
+                                            certificate_seed, certificate_max_flops);
+  options.iteration =
+      iteration_options(tolerance, max_iterations, time_limit, num_threads, callback, signals);
   options.iteration.stop = value_of<rotavg::StopRule>(stop);
-  options.iteration.tolerance = tolerance;
-  options.iteration.max_iterations = max_iterations;
-  options.iteration.time_limit = time_limit;
-  options.iteration.num_threads = num_threads;
-  options.iteration.keep_going = signals.keep_going();
-  if (callback) options.iteration.callback = calling(*callback);
   std::optional<rotavg::Rotations> R;
   if (start) R = to_rotations(*start, "init");
   const rotavg::RobustOptions robust{
@@ -167,19 +162,8 @@ py::dict refine_anisotropic(const rotavg::MeasurementGraph& graph, const DoubleA
                             double time_limit, int num_threads,
                             const std::optional<py::function>& callback, int iterations_before) {
   SignalCheck signals;
-  rotavg::IterationOptions options;
-  options.tolerance = tolerance;
-  options.max_iterations = max_iterations;
-  options.time_limit = time_limit;
-  options.num_threads = num_threads;
-  options.keep_going = signals.keep_going();
-  if (callback) {
-    options.callback = [call = calling(*callback), iterations_before](rotavg::Progress progress) {
-      if (progress.iteration == 0) return true;  // told at the end of what came before
-      progress.iteration += iterations_before;
-      return call(progress);
-    };
-  }
+  const auto options = iteration_options(tolerance, max_iterations, time_limit, num_threads,
+                                         callback, signals, iterations_before);
   const rotavg::Rotations omega = to_rotations(information, "information");
   rotavg::Rotations R = to_rotations(rotations, "rotations");
   const auto result =

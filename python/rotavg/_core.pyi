@@ -99,6 +99,8 @@ class GroundedGraph:
         *,
         noise_variance: float,
         num_threads: int,
+        information: NDArray[np.float64] | None,
+        prior_information: float,
     ) -> NDArray[np.float64] | None: ...
 
 class Progress:
@@ -179,21 +181,15 @@ def solve_anisotropic(
     time_limit: float,
     num_threads: int,
     certify: bool,
+    max_rank: int,
     certificate_tolerance: float,
+    certificate_failure_probability: float,
+    certificate_seed: int,
     certificate_max_flops: float,
     callback: Callable[[Progress], bool | None] | None,
     iterations_before: int,
     priors: GroundedGraph | None,
-) -> dict[str, Any]: ...
-def certify_anisotropic(
-    graph: MeasurementGraph,
-    precisions: NDArray[np.float64],
-    rotations: NDArray[np.float64],
-    *,
-    tolerance: float,
-    max_flops: float,
-    time_limit: float,
-    num_threads: int,
+    prior_precision: float,
 ) -> dict[str, Any]: ...
 def certify(
     graph: MeasurementGraph,
@@ -206,6 +202,8 @@ def certify(
     time_limit: float,
     num_threads: int,
     priors: GroundedGraph | None,
+    precisions: NDArray[np.float64] | None,
+    prior_precision: float,
 ) -> dict[str, Any]: ...
 def objective(graph: MeasurementGraph, rotations: NDArray[np.float64]) -> float: ...
 def gradient(graph: MeasurementGraph, rotations: NDArray[np.float64]) -> NDArray[np.float64]: ...

@@ -166,11 +166,6 @@ def test_fixed_and_absolute_priors() -> None:
         e = matrices_from_rotvecs(10 ** rng.uniform(-4, 0) * rng.normal(size=(10, 3)))
         e[[0, 4]] = np.eye(3)
         assert f(e @ R) >= f(R) - gap - 1e-9 * f(R)
-    with pytest.raises(rotavg.SolverError, match="anisotropic noise and priors"):
-        solution.covariances()
-    down = rotavg.Priors(gravity={0: ((0, 0, -1), 1.0)})
-    with pytest.raises(rotavg.OptionError, match="gravity"):
-        rotavg.solve(graph, anisotropic=True, priors=down)
 
 
 def test_the_error_falls_by_the_factor_that_theory_predicts() -> None:

@@ -9,6 +9,7 @@
 #include <rotavg/anisotropic/certify.hpp>
 #include <rotavg/anisotropic/graph.hpp>
 #include <rotavg/anisotropic/solve.hpp>
+#include <rotavg/anisotropic/with_priors.hpp>
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/certify/certify_with_priors.hpp>
 #include <rotavg/graph/algebraic_connectivity.hpp>
@@ -17,6 +18,7 @@
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
+#include <rotavg/reduction/prior_precisions.hpp>
 #include <rotavg/reduction/priors.hpp>
 #include <rotavg/reduction/rig_layout.hpp>
 #include <rotavg/robust/solve_rigs.hpp>

@@ -25,6 +25,11 @@ from rotavg.colmap.mapper import Reconstruction, check_new_folder, reconstruct
 @click.option("-o", "--output", type=options.PATH, required=True, help="A folder, to be made.")
 @number("--max-residual", click.FloatRange(0, 180), 10.0, "Leave out pairs off by more, degrees.")
 @number("--seed", click.IntRange(0, 2**31 - 1), 0, "Of the mapper's random start.")
+@click.option(
+    "--anisotropic",
+    is_flag=True,
+    help="Honour the covariances of the relative rotations, estimated from the pairs' inliers.",
+)
 @click.option("--threads", type=click.IntRange(1, 4096), help="Number of threads.  [default: all]")
 @click.option("--picture", is_flag=True, help="Also draw points and cameras: OUTPUT/picture.png.")
 @options.as_json

@@ -53,6 +53,13 @@ def _measures(graph: rotavg.MeasurementGraph, hardness: rotavg.Hardness) -> dict
         cycles["contamination"] = contamination(hardness.cycle_angles / np.sqrt(lengths))
         cycles["noise_per_edge_deg"] = float(np.degrees(hardness.noise))
         cycles["short"] = _short_cycles(graph)
+    covariances: dict[str, Any] = {}
+    if graph.covariances is not None:
+        values = np.linalg.eigvalsh(graph.covariances)
+        covariances["covariances"] = {
+            "rms_median_deg": float(np.median(np.degrees(np.sqrt(values.sum(axis=1))))),
+            "axes_ratio_median": float(np.median(np.sqrt(values[:, 2] / values[:, 0]))),
+        }
     return {
         "nodes": graph.num_nodes,
         "edges": graph.num_edges,
@@ -64,6 +71,7 @@ def _measures(graph: rotavg.MeasurementGraph, hardness: rotavg.Hardness) -> dict
             "max": int(hardness.degrees.max()),
         },
         "weight": {"min": float(graph.weights.min()), "max": float(graph.weights.max())},
+        **covariances,
         "bridges": int(bridges(graph).sum()),
         "algebraic_connectivity": hardness.algebraic_connectivity,
         "cycles": cycles,
@@ -101,6 +109,10 @@ def _rows(measures: dict[str, Any]) -> list[tuple[str, str]]:
             + ": the smaller, the harder",
         ),
     ]
+    if "covariances" in measures:
+        spread = measures["covariances"]
+        text = f"{spread['rms_median_deg']:.3g} deg an edge (median), the worst axis "
+        rows.append(("covariances", f"{text}{spread['axes_ratio_median']:.2g} times the best"))
     if measures["bridges"] > 0 and cycles["examined"] > 0:
         rows.append(("bridges", f"{measures['bridges']} edges that no cycle checks"))
     if cycles["examined"] == 0:

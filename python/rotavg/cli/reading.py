@@ -24,6 +24,12 @@ _OPTIONS = (
         help="Leave out edges from a node to itself, instead of refusing them.",
     ),
     click.option(
+        "--pair-covariances",
+        "covariances",
+        is_flag=True,
+        help="Estimate covariances from the inliers of a COLMAP database's pairs (pycolmap).",
+    ),
+    click.option(
         "--nodes",
         "nodes_path",
         type=options.PATH,
@@ -41,7 +47,7 @@ _OPTIONS = (
     ),
 )
 NAMES = (
-    *("format", "columns", "convention", "unit_weights", "skip_self_edges"),
+    *("format", "columns", "convention", "unit_weights", "skip_self_edges", "covariances"),
     *("nodes_path", "largest_component", "min_nodes"),
 )
 

@@ -60,7 +60,7 @@ from rotavg.report import Run, check_report, write_report
         "The answer": ("gauge", "refine"),
         "Prior knowledge": ("fixed_path", "gravity_path", "gravity_weight", "rigs_path", "no_rigs"),
         "Uncertainty": ("covariances_path", "noise_variance"),
-        "Anisotropic noise": ("anisotropic", "anisotropic_log"),
+        "Anisotropic noise": ("anisotropic", "anisotropic_log", "covariances"),
         "Outliers": (
             *("loss", "loss_scale", "weight_kind", "cycle_threshold", "min_cycles"),
             *("trusted_path", "trust_odometry", "excluded_path"),
@@ -168,7 +168,8 @@ from rotavg.report import Run, check_report, write_report
 @click.option(
     "--anisotropic",
     is_flag=True,
-    help="Honour the full covariances that the file has (g2o, TORO, text, CSV, npz), certified.",
+    help="Honour the full covariances that the file has (g2o, TORO, text, CSV, npz) or that the "
+    "inliers tell (COLMAP's databases), certified.",
 )
 @click.option(
     "--anisotropic-log",
@@ -241,6 +242,8 @@ def solve(
     settings["loss_scale"] = _radians(loss_scale)
     if settings.pop("anisotropic_log"):
         settings["anisotropic"] = "log"
+    if settings["anisotropic"]:
+        settings["covariances"] = True  # of a database's pairs
     if cycle_threshold is not None:
         settings["cycle_threshold"] = math.radians(cycle_threshold)
     if output is not None:

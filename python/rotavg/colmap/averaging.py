@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -27,6 +28,8 @@ def run_rotation_averaging(
     pose_graph: Any,
     reconstruction: Any,
     pose_priors: Sequence[Any] = (),
+    *,
+    database: str | os.PathLike[str] | None = None,
     **solve_options: Any,
 ) -> bool:
     """Average rotations as `pycolmap.run_rotation_averaging` does, by `rotavg.solve`.
@@ -45,6 +48,9 @@ def run_rotation_averaging(
         reconstruction: `pycolmap.Reconstruction` with the images.
         pose_priors: `pycolmap.PosePrior`s, whose gravity counts with `use_gravity`, of images of
             reference sensors, as it does for COLMAP: there only the heading is free.
+        database: COLMAP's, of these images: then the covariances of the relative rotations are
+            estimated from its inliers and honoured (`anisotropic=True`, docs/covariances.md), but
+            where gravity leaves but the headings.
         **solve_options: of `rotavg.solve`, such as `loss`, `method` and `num_threads`.
 
     Returns:
@@ -58,7 +64,7 @@ def run_rotation_averaging(
     pycolmap = require("pycolmap", "colmap")
     uniform = options.reweighting == pycolmap.RotationAveragingReweighting.UNIFORM
     try:
-        images = from_pose_graph(pose_graph, unit_weights=uniform)
+        images = from_pose_graph(pose_graph, unit_weights=uniform, database=database)
     except GraphError:
         return False  # no valid edge
     frames = frames_of(reconstruction, images.nodes.tolist(), bool(options.refine_sensor_from_rig))
@@ -95,7 +101,8 @@ def _active(
         return None
     inside &= _keep_largest(pose_graph, frames.rows(images.nodes), images, inside)
     i, R, w = images.edges[inside], images.rotations[inside], images.weights[inside]
-    return images if inside.all() else MeasurementGraph(i, R, w)
+    C = None if images.covariances is None else images.covariances[inside]
+    return images if inside.all() else MeasurementGraph(i, R, w, covariances=C)
 
 
 def _keep_largest(
@@ -173,6 +180,8 @@ def _solve(
     elif not frames.are_trivial:
         priors = replace(priors, rigs={k: (f, known[s]) for k, (f, s) in pictures.items()})
     nothing = not priors.rigs and not priors.gravity
+    if graph.covariances is not None:
+        settings.setdefault("anisotropic", True)
     solution = solve(
         graph, priors=None if nothing else priors, **{"robust_priors": False, **settings}
     )

@@ -69,6 +69,7 @@ def reconstruct(
     seed: int = 0,
     num_threads: int | None = None,
     loss: Loss = "auto",
+    anisotropic: bool = False,
     **solve_options: Any,
 ) -> Reconstruction:
     """Reconstruct the scene: rotations by rotavg, the rest by COLMAP's global mapper.
@@ -85,6 +86,8 @@ def reconstruct(
         seed: of the mapper.
         num_threads: None for all processors; with 1 the mapper gives the same points each time.
         loss: of `rotavg.solve`: photographs have wrong pairs.
+        anisotropic: whether to estimate the covariances of the relative rotations from the inliers
+            of the pairs, and to honour them (docs/covariances.md).
         solve_options: further ones of `rotavg.solve`.
 
     Raises:
@@ -107,14 +110,16 @@ def reconstruct(
         copy_database(Path(database), measured)
         complete_poses(measured)
         try:
-            graph = rotavg.read(measured, format="colmap")
+            graph = rotavg.read(measured, format="colmap", covariances=anisotropic)
         except FormatError as error:  # of the copy, which is soon gone
             reason = str(error).removeprefix(f"{measured}: ")
             raise FormatError(reason, path=database) from error
         rigs = rigs_of(graph)
         if rigs is not None:
             solve_options.setdefault("priors", rotavg.Priors(rigs=rigs))
-        solution = rotavg.solve(graph, loss=loss, num_threads=num_threads, **solve_options)
+        solution = rotavg.solve(
+            graph, loss=loss, num_threads=num_threads, anisotropic=anisotropic, **solve_options
+        )
         result = folder / "result"
         result.mkdir()
         dropped = write_rotations(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,29 +12,47 @@ from rotavg.base.errors import GraphError, require
 from rotavg.graph.conventions import convert_family
 from rotavg.graph.ids import IdArray
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.io.colmap_database import MAX_IMAGES, ColmapImages
+from rotavg.io.colmap_covariances import PairPose, covariances_of_pairs
+from rotavg.io.colmap_database import MAX_IMAGES, ColmapImages, opened, pair_of
 
 
-def from_pose_graph(pose_graph: Any, *, unit_weights: bool = False) -> MeasurementGraph:
+def from_pose_graph(
+    pose_graph: Any,
+    *,
+    unit_weights: bool = False,
+    database: str | os.PathLike[str] | None = None,
+) -> MeasurementGraph:
     """The valid edges of a `pycolmap.PoseGraph`.
 
     Nodes are image ids; an edge (i, j) has i < j and weighs its number of matches, or 1 where that
-    is not known (0) and with `unit_weights`. Edges are in the order of COLMAP's pair ids.
+    is not known (0) and with `unit_weights`. Edges are in the order of COLMAP's pair ids. With a
+    `database`, COLMAP's, they have covariances: from the inliers that it has of every pair
+    (docs/covariances.md).
 
     Raises:
         GraphError: there is no such edge.
+        FormatError, FileAccessError: the database is none, or not to be read.
     """
-    edges, quaternions, weights = [], [], []
+    edges, quaternions, weights, poses = [], [], [], []
     for pair_id, edge in sorted(pose_graph.edges.items()):
         if not edge.valid:
             continue
         edges.append(pair_id)
         quaternions.append(edge.cam2_from_cam1.rotation.quat)
+        translation = np.asarray(edge.cam2_from_cam1.translation, dtype=np.float64)
+        found = translation if np.isfinite(translation).all() else np.zeros(3)
+        poses.append(PairPose(pair_id, *pair_of(pair_id), np.roll(quaternions[-1], 1), found))
         weights.append(1.0 if unit_weights else float(edge.num_matches or 1))
     if not edges:
         raise GraphError("the pose graph has no valid edge")
     pairs = np.stack(np.divmod(np.array(edges, dtype=np.int64), MAX_IMAGES), axis=1)
-    return MeasurementGraph.from_quaternions(pairs, quaternions, weights, convention="vision")
+    covariances = None
+    if database is not None:
+        with opened(Path(database)) as connection:
+            covariances, _ = covariances_of_pairs(connection, poses)
+    return MeasurementGraph.from_quaternions(
+        pairs, quaternions, weights, convention="vision", covariances=covariances
+    )
 
 
 def to_pose_graph(graph: MeasurementGraph) -> Any:

@@ -56,6 +56,17 @@ def isotropic_weights(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(3 / np.trace(covariances, axis1=1, axis2=2))
 
 
+def precision_of_weight_one(
+    covariances: NDArray[np.float64], weights: NDArray[np.float64]
+) -> float:
+    """About an axis, radians^-2, of a prior of weight 1: that of an edge of weight 1, typically.
+
+    One over the mean variance of an edge, divided by its weight: 1 where the weights (m,) come from
+    the covariances.
+    """
+    return float(np.median(isotropic_weights(covariances) / weights))
+
+
 def information(
     covariances: NDArray[np.float64], share: NDArray[np.float64]
 ) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rotavg.base.errors import require
 from rotavg.graph.conventions import matrices_from_rotvecs
+from rotavg.graph.two_views import epipolar_equations, turn_equations
 
 Array = NDArray[np.float64]
 
@@ -59,53 +60,18 @@ def refine(R: Array, t: Array, rays_i: Array, rays_j: Array, scale: float) -> tu
     return moved(found.x)
 
 
-def rotation_covariance(R: Array, t: Array, rays_i: Array, rays_j: Array) -> Array | None:
-    """Covariance (3, 3), radians^2, of w in exp(w) R, to first order; None where R is not fixed.
+def rotation_covariance(R: Array, t: Array | None, rays_i: Array, rays_j: Array) -> Array | None:
+    """Covariance (3, 3), radians^2, of e in R exp([e]), to first order; None where R is not fixed.
 
     That of the least squares of Sampson distances over R and the direction t, of which R's part is
-    taken, with the variance of a distance as these inliers show it.
+    taken, with the variance of a distance as these inliers show it. Where t is None, the camera
+    only turned: then of distances in the image of j.
     """
-    tangent = np.linalg.svd(t[None])[2][1:]
-    h = 1e-6
-    columns = []
-    for step in h * np.eye(5):
-        ends = []
-        for sign in (1.0, -1.0):
-            turned = matrices_from_rotvecs(sign * step[None, :3])[0] @ R
-            moved = t + sign * step[3:] @ tangent
-            E = essential_matrix(turned, moved / np.linalg.norm(moved))
-            ends.append(sampson_distances(E, rays_i, rays_j))
-        columns.append((ends[0] - ends[1]) / (2 * h))
-    J = np.stack(columns, axis=1)
-    residuals = sampson_distances(essential_matrix(R, t), rays_i, rays_j)
-    return _covariance(J, residuals)
-
-
-def turn_covariance(R: Array, rays_i: Array, rays_j: Array) -> Array | None:
-    """The same of a camera that only turned, from the distances of R x_i and x_j in the image."""
-    turned = rays_i @ R.T
-    depth = turned[:, 2:]
-    residuals = (turned / depth - rays_j)[:, :2]
-    # d (exp(w) y) = w x y; of the image x = y / y_z.
-    columns = []
-    for axis in np.eye(3):
-        d = np.cross(axis, turned)
-        columns.append(((d - turned / depth * d[:, 2:]) / depth)[:, :2].ravel())
-    return _covariance(np.stack(columns, axis=1), residuals.ravel())
-
-
-def _covariance(J: Array, residuals: Array) -> Array | None:
-    """Of the first three unknowns of least squares; their information must be there."""
-    freedom = len(residuals) - J.shape[1]
-    if freedom < 1:
-        return None
-    information = J.T @ J
-    scale = np.sqrt(np.diag(information))
-    if not (scale > 0).all():
-        return None
-    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-    if values[0] < 1e-10:
-        return None
-    inverse = (vectors / values) @ vectors.T / np.outer(scale, scale)
-    variance = max(float(residuals @ residuals) / freedom, 1e-18)
-    return np.asarray(variance * inverse[:3, :3])
+    sides = rays_i, rays_j, np.array([len(rays_i)])
+    if t is None:
+        found = turn_equations(R[None], *sides)
+    else:
+        found = epipolar_equations(R[None], t[None], *sides)
+    variance = np.maximum(found.squares / np.maximum(found.freedom, 1), 1e-18)
+    covariance = found.rotation_covariances(variance)[0]
+    return covariance if np.isfinite(covariance).all() else None

@@ -22,7 +22,6 @@ from rotavg.images.epipolar import (
     refine,
     rotation_covariance,
     sampson_distances,
-    turn_covariance,
 )
 
 Kind = Literal["general", "planar", "rotation"]
@@ -63,12 +62,8 @@ class TwoView:
             rays_i: (p, 3) of all matches, as they were given to `estimate`.
             rays_j: the same in camera j's frame.
         """
-        R, inliers = self.j_from_i, self.inliers
-        if self.kind == "rotation":
-            left = turn_covariance(R, rays_i[inliers], rays_j[inliers])
-        else:
-            left = rotation_covariance(R, self.translation, rays_i[inliers], rays_j[inliers])
-        return None if left is None else R.T @ left @ R  # exp(w) R = R exp(R^T w)
+        t = None if self.kind == "rotation" else self.translation
+        return rotation_covariance(self.j_from_i, t, rays_i[self.inliers], rays_j[self.inliers])
 
 
 def estimate(

@@ -3,7 +3,8 @@
 A row of `two_view_geometries` has pair_id = 2147483647 * smaller_id + larger_id, the number of
 inliers, a configuration and, where they were computed, qvec (w x y z) and tvec: camera 2 from 1.
 Where they were not, they are computed here (`colmap_poses`), if pycolmap is installed.
-Nodes are the images' names, weights the numbers of inliers. The file is opened read-only through
+Nodes are the images' names, weights the numbers of inliers; covariances, where they are asked for,
+are estimated from the inliers (`colmap_covariances`). The file is opened read-only through
 Python's sqlite3.
 """
 
@@ -23,7 +24,8 @@ from numpy.typing import NDArray
 from rotavg.base.errors import FileAccessError, FormatError
 from rotavg.graph.conventions import convert_family, matrices_from_quaternions, xyzw_from_wxyz
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.io.colmap_poses import quaternions_of_pairs
+from rotavg.io.colmap_covariances import PairPose, covariances_of_pairs
+from rotavg.io.colmap_poses import poses_of_pairs
 from rotavg.io.registry import Format, ReadOptions, blame_line
 from rotavg.io.rounding import is_unit
 from rotavg.priors.priors import Rigs
@@ -40,6 +42,7 @@ CONFIGURATIONS = (
 _USABLE = frozenset({2, 3, 4, 5, 6, 9})
 _NO_POSE = "no relative pose computed"
 _IDENTITY = np.array([1.0, 0, 0, 0]).tobytes()
+_Pose = tuple[NDArray[np.float64], NDArray[np.float64]]  # wxyz, translation
 _MAGIC = b"SQLite format 3\0"
 
 
@@ -98,36 +101,44 @@ def read_database(path: Path, data: bytes, options: ReadOptions) -> MeasurementG
     with opened(path) as connection:
         images = connection.execute("SELECT image_id, name, camera_id FROM images").fetchall()
         has_poses = _has_poses(connection)
-        poses = "qvec, tvec" if has_poses else "NULL, NULL"
+        columns = "qvec, tvec" if has_poses else "NULL, NULL"
         rows = connection.execute(
-            f"SELECT pair_id, rows, config, {poses} FROM two_view_geometries ORDER BY pair_id"
+            f"SELECT pair_id, rows, config, {columns} FROM two_view_geometries ORDER BY pair_id"
         ).fetchall()
         names = {image: name for image, name, _ in images}
         rigs = _rigs(path, connection)
         gravity = _count_gravity(connection)
         stored, without, skipped = _sorted_out(path, rows, names)
         computed = (
-            quaternions_of_pairs(connection, [(pair, *pair_of(pair)) for pair in without])
+            poses_of_pairs(connection, [(pair, *pair_of(pair)) for pair in without])
             if without
             else {}
         )
-    quaternions = {**stored, **(computed or {})}
+        poses = {**stored, **(computed or {})}
+        used = [row for row in rows if row[0] in poses]
+        covariances, guessed = None, 0
+        if options.covariances and used:
+            covariances, guessed = covariances_of_pairs(
+                connection, [PairPose(pair, *pair_of(pair), *poses[pair]) for pair, *_ in used]
+            )
     skipped[_NO_POSE] = len(without) - len(computed or {})
     notes = _notes(has_poses, computed, skipped)
+    if guessed:
+        notes += (f"{guessed} pairs whose inliers do not tell a covariance got a usual one",)
     if rigs is not None:
         notes += (_note_of_rigs(rigs),)
     if gravity:
         notes += (f"{gravity} images have gravity, which --gravity takes from the database",)
-    if not quaternions:
+    if not used:
         raise FormatError(_nothing(len(rows), skipped, notes), path=path)
-    used = [row for row in rows if row[0] in quaternions]
     with blame_line(path):
         return MeasurementGraph.from_quaternions(
             [[names[image] for image in pair_of(pair_id)] for pair_id, *_ in used],
-            [quaternions[pair_id] for pair_id, *_ in used],
-            None if options.unit_weights else [float(count) for _, count, *_ in used],
+            [poses[pair_id][0] for pair_id, *_ in used],
+            np.ones(len(used)) if options.unit_weights else [float(n) for _, n, *_ in used],
             [name for _, name, _ in sorted(images)],
             order="wxyz",
+            covariances=covariances,
             **options.of_graph,
             source=ColmapImages(
                 {name: image for image, name, _ in images},
@@ -141,9 +152,10 @@ def read_database(path: Path, data: bytes, options: ReadOptions) -> MeasurementG
 
 def _sorted_out(
     path: Path, rows: list[Any], names: dict[int, str]
-) -> tuple[dict[int, NDArray[np.float64]], list[int], Counter[str]]:
-    """Stored rotations wxyz by pair id, pairs without one, and why how many others are skipped."""
-    stored, without = {}, []
+) -> tuple[dict[int, _Pose], list[int], Counter[str]]:
+    """Stored poses by pair id, pairs without one, and why how many others are skipped."""
+    stored: dict[int, _Pose] = {}
+    without = []
     skipped: Counter[str] = Counter()
     for pair_id, count, kind, qvec, tvec in rows:
         for name, value in (("rows", count), ("config", kind)):
@@ -161,8 +173,16 @@ def _sorted_out(
         if reason:
             without.append(pair_id)
         else:
-            stored[pair_id] = _vector(path, pair_id, qvec, 4)
+            stored[pair_id] = _vector(path, pair_id, qvec, 4), _translation(tvec)
     return stored, without, skipped
+
+
+def _translation(tvec: Any) -> NDArray[np.float64]:
+    """(3,); zero, as of a camera that turned, where none is stored."""
+    if not isinstance(tvec, bytes) or len(tvec) != 24:
+        return np.zeros(3)
+    t = np.frombuffer(tvec, dtype="<f8").astype(np.float64)
+    return t if np.isfinite(t).all() else np.zeros(3)
 
 
 def _has_poses(connection: sqlite3.Connection) -> bool:
@@ -267,7 +287,7 @@ def _vector(path: Path, row: Any, blob: bytes, size: int) -> NDArray[np.float64]
 
 
 def _notes(
-    has_poses: bool, computed: dict[int, NDArray[np.float64]] | None, skipped: Counter[str]
+    has_poses: bool, computed: dict[int, _Pose] | None, skipped: Counter[str]
 ) -> tuple[str, ...]:
     notes = []
     if not has_poses:

@@ -22,10 +22,10 @@ _UNCALIBRATED = 3
 _MATRIX_OF = {2: "E", 3: "F", 4: "H", 5: "H", 6: "H", 9: "E"}
 
 
-def quaternions_of_pairs(
+def poses_of_pairs(
     connection: sqlite3.Connection, pairs: Sequence[tuple[int, int, int]]
-) -> dict[int, NDArray[np.float64]] | None:
-    """The rotation wxyz of camera 2 from camera 1 of pairs (pair_id, image_id, image_id), by pair.
+) -> dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] | None:
+    """Camera 2 from camera 1, wxyz and translation, of pairs (pair_id, image_id, image_id).
 
     Pairs that say too little of their pose are not in it; None where pycolmap is not installed.
     """
@@ -36,13 +36,13 @@ def quaternions_of_pairs(
     tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
     if not {"cameras", "keypoints"} <= tables:
         return {}
-    cameras = _cameras(pycolmap, connection)
+    cameras = cameras_of(pycolmap, connection)
     points: dict[int, NDArray[np.float64]] = {}
     found = {}
     for pair_id, first, second in pairs:
         for image in (first, second):
             if image not in points:
-                points[image] = _keypoints(connection, image)
+                points[image] = keypoints_of(connection, image)
         geometry = _geometry(pycolmap, connection, pair_id, len(points[first]), len(points[second]))
         if geometry is None or first not in cameras or second not in cameras:
             continue
@@ -50,11 +50,12 @@ def quaternions_of_pairs(
         if pycolmap.estimate_two_view_geometry_pose(*sides, geometry):
             xyzw = geometry.cam2_from_cam1.rotation.quat
             if np.isfinite(xyzw).all() and np.any(xyzw):
-                found[pair_id] = np.roll(xyzw, 1)
+                translation = np.array(geometry.cam2_from_cam1.translation)
+                found[pair_id] = np.roll(xyzw, 1), translation
     return found
 
 
-def _cameras(pycolmap: Any, connection: sqlite3.Connection) -> dict[int, Any]:
+def cameras_of(pycolmap: Any, connection: sqlite3.Connection) -> dict[int, Any]:
     """The camera of every image, by image; those whose model pycolmap does not know are not in."""
     rows = connection.execute(
         "SELECT image_id, model, width, height, params FROM images "
@@ -77,7 +78,7 @@ def _cameras(pycolmap: Any, connection: sqlite3.Connection) -> dict[int, Any]:
     return found
 
 
-def _keypoints(connection: sqlite3.Connection, image: int) -> NDArray[np.float64]:
+def keypoints_of(connection: sqlite3.Connection, image: int) -> NDArray[np.float64]:
     """Where (k, 2) the features of an image are."""
     row = connection.execute(
         "SELECT rows, cols, data FROM keypoints WHERE image_id = ?", (image,)
@@ -90,17 +91,37 @@ def _keypoints(connection: sqlite3.Connection, image: int) -> NDArray[np.float64
     return np.ascontiguousarray(table[:, :2], dtype=np.float64)
 
 
+def inliers_of(
+    connection: sqlite3.Connection, pair_id: int, size_1: int, size_2: int
+) -> NDArray[np.uint32]:
+    """Rows (k, 2) of the features of a pair's images that match; none where they are not all there.
+
+    Args:
+        connection: to the database.
+        pair_id: of the pair.
+        size_1: how many features the first image has.
+        size_2: the same of the second.
+    """
+    row = connection.execute(
+        "SELECT data FROM two_view_geometries WHERE pair_id = ?", (pair_id,)
+    ).fetchone()
+    data = None if row is None else row[0]
+    nothing = np.empty((0, 2), dtype=np.uint32)
+    if not isinstance(data, bytes) or not data or len(data) % 8:
+        return nothing
+    matches = np.frombuffer(data, dtype="<u4").reshape(-1, 2)
+    return nothing if (matches.max(axis=0) >= (size_1, size_2)).any() else matches
+
+
 def _geometry(
     pycolmap: Any, connection: sqlite3.Connection, pair_id: int, size_1: int, size_2: int
 ) -> Any:
     """A pair's two-view geometry without its pose; None where it is not all there."""
-    data, kind, *matrices = connection.execute(
-        "SELECT data, config, F, E, H FROM two_view_geometries WHERE pair_id = ?", (pair_id,)
+    kind, *matrices = connection.execute(
+        "SELECT config, F, E, H FROM two_view_geometries WHERE pair_id = ?", (pair_id,)
     ).fetchone()
-    if not isinstance(data, bytes) or not data or len(data) % 8:
-        return None
-    matches = np.frombuffer(data, dtype="<u4").reshape(-1, 2)
-    if (matches.max(axis=0) >= (size_1, size_2)).any():
+    matches = inliers_of(connection, pair_id, size_1, size_2)
+    if not len(matches):
         return None
     known = {}
     for name, blob in zip("FEH", matrices):

@@ -62,6 +62,7 @@ def read(
     unit_weights: bool = False,
     skip_self_edges: bool = False,
     columns: str | Sequence[str] | None = None,
+    covariances: bool = False,
 ) -> MeasurementGraph:
     """Read a measurement graph.
 
@@ -77,6 +78,9 @@ def read(
             "i,j,qw,qx,qy,qz,weight" or a list of these words: rotations as quaternions,
             rotation vectors "rx,ry,rz" in radians, or matrices "r11,r12,...,r33"; "_" for a
             column that is not to be read.
+        covariances: whether to estimate the covariance of every relative rotation of a COLMAP
+            database from the inliers of its pair (docs/covariances.md; needs pycolmap, the extra
+            [colmap]). Other formats hold covariances, which are always read, or do not.
 
     Returns:
         The graph (pose family). Its `notes` tell what was skipped or mended on the way, its
@@ -95,7 +99,8 @@ def read(
         found = f"columns are given, and {chosen.name} has its own"
         raise FormatError(f"{found}: expected them for text or csv", path=path)
     family = chosen.family(path, convention)
-    return chosen.read(path, data, ReadOptions(unit_weights, family, skip_self_edges, words))
+    options = ReadOptions(unit_weights, family, skip_self_edges, words, bool(covariances))
+    return chosen.read(path, data, options)
 
 
 def write(

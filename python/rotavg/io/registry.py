@@ -61,12 +61,14 @@ class ReadOptions:
         convention: the family that the file's rotations are in.
         skip_self_edges: leave out edges from a node to itself, instead of refusing them.
         columns: what the columns are; None where the file tells, or its format.
+        covariances: whether to estimate those of the edges from what the file has instead of them.
     """
 
     unit_weights: bool
     convention: Convention
     skip_self_edges: bool = False
     columns: tuple[str, ...] | None = None
+    covariances: bool = False
 
     @property
     def of_graph(self) -> dict[str, Any]:

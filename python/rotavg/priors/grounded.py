@@ -82,14 +82,30 @@ class Grounded:
             absolute: what a robust loss made of absolute priors; None: all are trusted.
             gravity: the same of gravity.
         """
-        holds = self.core.edges_where(
+        holds = self._holds(trusted, absolute, gravity)
+        freedom = self.core.degrees_of_freedom(holds)
+        cost = float(self.core.edge_costs(rotations)[holds].sum())
+        return cost / (2 * freedom) if freedom > 0 else float("nan")
+
+    def degrees_of_freedom(
+        self, trusted: NDArray[np.bool_], absolute: Weighed | None, gravity: Weighed | None
+    ) -> int:
+        """Of the residuals of all measurements and priors; see `noise_variance`."""
+        held = trusted.copy()
+        held[self.core.kept] = False  # three equations each, and no unknown
+        return 3 * int(held.sum()) + self.core.degrees_of_freedom(
+            self._holds(trusted, absolute, gravity)
+        )
+
+    def _holds(
+        self, trusted: NDArray[np.bool_], absolute: Weighed | None, gravity: Weighed | None
+    ) -> NDArray[np.bool_]:
+        """Which edges of the problem that is solved count."""
+        return self.core.edges_where(
             trusted,
             np.ones(len(self.priors.absolute), bool) if absolute is None else ~absolute.is_outlier,
             np.ones(len(self.priors.gravity), bool) if gravity is None else ~gravity.is_outlier,
         )
-        freedom = self.core.degrees_of_freedom(holds)
-        cost = float(self.core.edge_costs(rotations)[holds].sum())
-        return cost / (2 * freedom) if freedom > 0 else float("nan")
 
     def prior_costs(self, rotations: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) what the priors of every node add to the objective."""

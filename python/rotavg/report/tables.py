@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.base.arrays import rows_by_label
-from rotavg.graph.conventions import quaternions_from_matrices
-from rotavg.graph.covariances import information
 from rotavg.report.verdict import is_reweighted
+from rotavg.solving.costs import edge_costs, prior_costs
 from rotavg.solving.solution import Solution
 from rotavg.solving.uncertainty import rms_degrees
 
@@ -87,10 +86,10 @@ def components(solution: Solution, limit: int = 100) -> Table:
     count = solution.num_components
     of_edge = label[graph.indices[:, 0]]
     nodes, edges = np.bincount(label, minlength=count), np.bincount(of_edge, minlength=count)
-    objective = np.bincount(of_edge, _costs(solution), count)
+    objective = np.bincount(of_edge, edge_costs(solution), count)
     gauge = "In each, the first node has the identity."
     if solution.grounded is not None:
-        objective += np.bincount(label, solution.grounded.prior_costs(solution.rotations), count)
+        objective += np.bincount(label, prior_costs(solution), count)
         gauge = "Component 1 is in the world of the priors. " + gauge.replace("each", "each other")
     degrees = np.degrees(solution.residual_angles)
     first = np.unique(label, return_index=True)[1]
@@ -112,19 +111,3 @@ def components(solution: Solution, limit: int = 100) -> Table:
         ],
         rows,
     )  # fmt: skip
-
-
-def _costs(solution: Solution) -> NDArray[np.float64]:
-    """(m,) what every edge adds to the objective."""
-    graph, angles = solution.graph, solution.residual_angles
-    if not solution.anisotropic:
-        # |R_i R_ij - R_j|_F^2 = 8 sin^2(angle / 2)
-        return np.asarray(8 * solution.edge_weights * np.sin(angles / 2) ** 2)
-    assert graph.covariances is not None
-    omega = information(graph.covariances, solution.edge_weights / graph.weights)
-    R, (i, j) = solution.rotations, graph.indices.T
-    q = quaternions_from_matrices(np.swapaxes(R[i] @ graph.rotations, 1, 2) @ R[j])
-    r = 2 * q[:, :3]  # sin(angle / 2) along the axis, twice
-    if solution.anisotropic == "log":
-        r /= np.sinc(angles / (2 * np.pi))[:, None]
-    return np.asarray(np.einsum("ma,mab,mb->m", r, omega, r))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rotavg import _core
 from rotavg.base.arrays import read_only
 from rotavg.base.errors import OptionError
-from rotavg.graph.covariances import information
+from rotavg.graph.covariances import information, precision_of_weight_one
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.priors import Priors
 from rotavg.solving.certificate import certificate_from_core
@@ -31,8 +31,6 @@ def check(graph: MeasurementGraph, anisotropic: object, priors: Priors | None) -
         raise OptionError("anisotropic needs a graph with covariances, and this one has none")
     if priors is None:
         return
-    if priors.gravity:
-        raise OptionError("anisotropic is not possible with gravity priors yet")
     if anisotropic == "log":
         raise OptionError("anisotropic='log' is not possible with priors")
 
@@ -47,12 +45,24 @@ def given_precisions(graph: MeasurementGraph) -> NDArray[np.float64]:
     return information(graph.covariances, np.ones(graph.num_edges))
 
 
+def with_final_weights(solution: Solution) -> _core.GroundedGraph | None:
+    """The problem with the weights of the priors that a robust loss has ended with."""
+    grounded, robust = solution.grounded, solution.robust
+    if grounded is None or robust is None:
+        return None if grounded is None else grounded.core
+    fits = robust.absolute_priors, robust.gravity_priors
+    if fits == (None, None):
+        return grounded.core
+    none = np.empty(0)
+    return grounded.core.with_prior_weights(*(none if f is None else f.weights for f in fits))
+
+
 def with_covariances(solution: Solution, settings: dict[str, Any]) -> tuple[Solution, bool]:
     """The optimum with matrix weights from a solution without; see `solve`.
 
     Returns it, and whether its certificate was interrupted.
     """
-    graph, grounded = solution.graph, solution.grounded
+    graph = solution.graph
     assert graph.covariances is not None
     spent = solution.timings
     stopped = solution.status is Status.STOPPED
@@ -66,13 +76,18 @@ def with_covariances(solution: Solution, settings: dict[str, Any]) -> tuple[Solu
         time_limit=max(0.0, settings["time_limit"] - spent.total),
         callback=None if stopped else settings["callback"],
         iterations_before=solution.iterations,
-        priors=None if grounded is None else grounded.core,
+        priors=with_final_weights(solution),
+        prior_precision=precision_of_weight_one(graph.covariances, graph.weights),
     )
     seconds = core["seconds"]
+    rotations, rigs = read_only(core["rotations"]), solution.rigs
+    if rigs is not None:
+        rigs = rigs.with_frames_of(graph.nodes.tolist(), rotations, core["objective"])
     before = f"without covariances {solution.reason or solution.method}; then "
     found = replace(
         solution,
-        rotations=read_only(core["rotations"]),
+        rotations=rotations,
+        rigs=rigs,
         objective=core["objective"],
         gradient_norm=core["gradient_norm"],
         relative_gradient=core["relative_gradient"],
@@ -93,7 +108,8 @@ def with_covariances(solution: Solution, settings: dict[str, Any]) -> tuple[Solu
 
 
 _SETTINGS = (
-    "method", "mu", "stop", "tolerance", "num_threads", "certify", "certificate_tolerance",
+    "method", "mu", "stop", "tolerance", "num_threads", "certify", "max_rank",
+    "certificate_tolerance", "certificate_failure_probability", "certificate_seed",
     "certificate_max_flops",
 )  # fmt: skip
 

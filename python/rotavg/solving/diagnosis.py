@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.base.arrays import read_only
+from rotavg.solving.costs import edge_costs, prior_costs
 from rotavg.solving.solution import Solution
 
 
@@ -43,9 +44,8 @@ class Diagnosis:
 
     @cached_property
     def edge_costs(self) -> NDArray[np.float64]:
-        """(m,) w |R_i R_ij - R_j|_F^2 with the final weights."""
-        s = self.solution
-        return read_only(8.0 * s.edge_weights * np.sin(0.5 * s.residual_angles) ** 2)
+        """(m,) w |R_i R_ij - R_j|_F^2 with the final weights, or 4 v^T C^-1 v."""
+        return read_only(edge_costs(self.solution))
 
     @cached_property
     def node_costs(self) -> NDArray[np.float64]:
@@ -53,9 +53,7 @@ class Diagnosis:
         s = self.solution
         costs = np.zeros(s.graph.num_nodes)
         np.add.at(costs, s.graph.indices, 0.5 * self.edge_costs[:, None])
-        if s.grounded is not None:
-            costs += s.grounded.prior_costs(s.rotations)
-        return read_only(costs)
+        return read_only(costs + prior_costs(s))
 
     @cached_property
     def nodes(self) -> dict[Any, Share]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rotavg import _core
 from rotavg.base.arrays import as_floats, read_only
 from rotavg.base.errors import GraphError, OptionError, SolverError
+from rotavg.graph.covariances import precision_of_weight_one
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.grounded import ground
 from rotavg.priors.priors import Priors
@@ -161,9 +162,9 @@ def solve(
             objective is then sum of 4 v^T C^-1 v with v = sin(|r| / 2) r / |r|, r = log(R_ij^T
             R_i^T R_j), which is r^T C^-1 r for small r, and it is certified. "auto", "staircase"
             and "bcdsr" solve the problem with one weight for each edge first, which is
-            `Solution.isotropic`, and go on from there. The weight of a prior is then its
-            precision, radians^-2. "log" goes on to a local minimum of sum of r^T C^-1 r itself by
-            the method of Gauss and Newton; that one has no certificate.
+            `Solution.isotropic`, and go on from there. A prior of weight w counts as an edge of
+            weight w (docs/priors.md). "log" goes on to a local minimum of sum of r^T C^-1 r itself
+            by the method of Gauss and Newton; that one has no certificate.
         gauge: how components are turned that no prior holds. "first": their first node has the
             identity. "mean": the Karcher mean of their rotations (`karcher_mean`) is that of the
             rotations given as `init`, which is so preserved; without them, the identity.
@@ -226,12 +227,13 @@ def solve(
     grounded = None if priors is None or sensors is not None else ground(graph, priors)
     first = settings
     if anisotropic is not False:
-        if sensors is not None:
-            raise OptionError("anisotropic is not possible with rigs whose sensors are not known")
-        check(graph, anisotropic, None if grounded is None else priors)
+        known = grounded is not None or sensors is not None
+        check(graph, anisotropic, priors if known else None)
         rough = max(settings["tolerance"], START_TOLERANCE)
+        if sensors is not None:
+            rough = settings["tolerance"]  # what is found of the sensors stays
         first = {**settings, "certify": False, "stop": "gradient", "tolerance": rough}
-        if start is not None and loss == "l2" and grounded is None:
+        if start is not None and loss == "l2" and not known:
             first["max_iterations"] = 0  # from there at once
     try:
         core = _call_core(
@@ -340,7 +342,6 @@ def certify(
         priors: what is known beforehand: then the rotations are in the world of the priors, and the
             bound is that of the problem with them.
         anisotropic: whether for the objective with the full covariances of the graph (see `solve`).
-            Its proofs are factorisations only, and not with priors.
         tolerance: the largest relative gap that is called optimal.
         failure_probability: how large a chance of being wrong a proof may have where one without
             would cost much more; 0 for none: then there may only be an estimate.
@@ -360,24 +361,23 @@ def certify(
         "time_limit": options.seconds(time_limit),
         "num_threads": options.threads(num_threads),
     }
-    chance = options.probability("failure_probability", failure_probability)
-    whole_seed = options.whole("seed", seed, 0, 2**64 - 1)
     R = _node_rotations(graph, rotations, "rotations")
+    precisions, unit = None, 1.0
     if anisotropic:
-        if grounded is not None:
-            raise OptionError("certify with anisotropic is not possible with priors yet")
         precisions = given_precisions(graph)
-        core = _call_core(graph, _core.certify_anisotropic, precisions, R, **limits)
-    else:
-        core = _call_core(
-            graph,
-            _core.certify,
-            R,
-            failure_probability=chance,
-            seed=whole_seed,
-            priors=None if grounded is None else grounded.core,
-            **limits,
-        )
+        assert graph.covariances is not None
+        unit = precision_of_weight_one(graph.covariances, graph.weights)
+    core = _call_core(
+        graph,
+        _core.certify,
+        R,
+        failure_probability=options.probability("failure_probability", failure_probability),
+        seed=options.whole("seed", seed, 0, 2**64 - 1),
+        priors=None if grounded is None else grounded.core,
+        precisions=precisions,
+        prior_precision=unit,
+        **limits,
+    )
     certificate = certificate_from_core(core, tolerance)
     assert certificate is not None
     return certificate

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
 from rotavg.base.errors import GraphError, OptionError, SolverError
-from rotavg.graph.covariances import information
+from rotavg.graph.covariances import information, precision_of_weight_one
 from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.grounded import Grounded
@@ -51,10 +51,6 @@ def covariances(
         raise OptionError(f"frame is {frame!r}, expected 'world' or 'node'")
     rows = None if pairs is None else _rows(solution, pairs)
     graph, grounded = solution.graph, solution.grounded
-    if grounded is not None and solution.isotropic is not None:
-        raise SolverError(
-            "covariances of rotations with anisotropic noise and priors are not known yet"
-        )
     if solution.robust is not None:
         # What is distrusted counts for nothing, but keeps the parts of the graph together.
         graph = graph.with_weights(graph.weights * np.where(solution.is_outlier, 1e-6, 1.0))
@@ -66,6 +62,8 @@ def covariances(
                 None if rows is None else _indices(rows),
                 noise_variance=variance,
                 num_threads=1,
+                information=None if solution.isotropic is None else _information(solution),
+                prior_information=_prior_information(solution),
             )
         else:
             found = _core.covariances(
@@ -102,6 +100,11 @@ def estimated_noise_variance(solution: Solved) -> float:
     robust loss of the edges that are no outliers, and of the parts that they hold together.
     """
     trusted = ~solution.is_outlier
+    if solution.isotropic is not None and solution.grounded is not None:
+        fit = solution.robust
+        kinds = (None, None) if fit is None else (fit.absolute_priors, fit.gravity_priors)
+        freedom = solution.grounded.degrees_of_freedom(trusted, *kinds)
+        return solution.objective / freedom if freedom > 0 else float("nan")
     if solution.isotropic is not None:
         freedom = 3 * (int(trusted.sum()) - solution.graph.num_nodes + solution.num_components)
         return solution.objective / freedom if freedom > 0 else float("nan")
@@ -134,6 +137,13 @@ def _indices(pairs: NDArray[np.int64]) -> NDArray[np.int32]:
 def _information(solution: Solved) -> NDArray[np.float64]:
     assert solution.graph.covariances is not None
     return information(solution.graph.covariances, np.where(solution.is_outlier, 1e-6, 1.0))
+
+
+def _prior_information(solution: Solved) -> float:
+    C = solution.graph.covariances
+    if solution.isotropic is None or C is None:
+        return 1.0
+    return precision_of_weight_one(C, solution.graph.weights)
 
 
 def _noise_variance(solution: Solved, given: float | None) -> float:

@@ -31,6 +31,13 @@ inline double bcd_sweep(const AnisotropicGraph& graph, Rotations& R, const Monit
   return step;
 }
 
+inline double bcd_sweep(const AnisotropicGraph& graph, Quaternions& q, const Monitor& monitor) {
+  Rotations R = to_rotations(q);
+  const double step = bcd_sweep(graph, R, monitor);
+  q = to_quaternions(R);
+  return step;
+}
+
 /// Block coordinate descent (Algorithm 2) on general blocks: with all other rotations fixed, f is
 /// linear in R_l whatever the blocks are, and LOSO minimises it. See solve/bcd.hpp.
 ///

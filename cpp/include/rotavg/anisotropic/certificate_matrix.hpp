@@ -7,6 +7,7 @@
 #include <Eigen/Core>
 
 #include <rotavg/anisotropic/split.hpp>
+#include <rotavg/anisotropic/symmetric_eigen.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
@@ -32,13 +33,15 @@ class AnisotropicCertificateMatrix {
   AnisotropicCertificateMatrix(const EdgeSplits& splits, const Components& components,
                                Index component)
       : graph_(splits.residuals().graph()),
+        num_threads_(splits.residuals().num_threads()),
         components_(components),
         nodes_(components.nodes[component]),
         force_(splits.residuals()()),
         W_(force_.size()),
         diagonal_(nodes_.size(), Matrix3::Zero()),
         scale_(nodes_.size(), 0.0),
-        precision_(nodes_.size(), 0.0) {
+        precision_(nodes_.size(), 0.0),
+        pull_(nodes_.size(), 0.0) {
     for (Index a = 0; a < num_nodes(); ++a) {
       for (const HalfEdge& h : graph_.row(nodes_[a])) {
         if (!h.is_i()) continue;
@@ -51,9 +54,46 @@ class AnisotropicCertificateMatrix {
           diagonal_[end] += W_[k];
           scale_[end] += size;
           precision_[end] += trace;
+          pull_[end] += force_[k].p.norm();
         }
       }
     }
+    loose_ = precision_;
+  }
+
+  /// S less a share of the edges' W where these are positive definite, S - kappa L_W: where that
+  /// is positive, the rounding of the leftover need not be held against the nodes alone.
+  ///
+  /// Of the error dv of v, at most 32 u, every edge adds some [d] to K at one end and -[d] at the
+  /// other, d = T dv + 600 u tr(H) |v|. So with S_r >= kappa L_W what they make of the bound is at
+  /// most the sum of tr([d]^T W^-1 [d]) / kappa, and
+  ///
+  ///     tr([d]^T W^-1 [d]) = d^T A d,     A = tr(W^-1) I - W^-1.
+  AnisotropicCertificateMatrix less_firm_edges(double kappa) const {
+    constexpr double least = 1e-6;  // of the precision: W is no better known than T
+    AnisotropicCertificateMatrix less = *this;
+    for (const Edge& e : edges_) {
+      const EdgeForce& force = force_[e.edge];
+      const double trace = graph_.precisions()[e.edge].trace();
+      const SymmetricEigen eigen = symmetric_eigen(W_[e.edge]);
+      if (!(eigen.values(0) > least * trace)) continue;
+      const Vector3 inverse = eigen.values.cwiseInverse();
+      const Matrix3 turned = product(force.T, eigen.vectors);
+      double square = 0.0;  // tr(T A T)
+      for (int c = 0; c < 3; ++c) {
+        square += (inverse.sum() - inverse(c)) * turned.col(c).squaredNorm();
+      }
+      const double size =
+          32.0 * std::sqrt(square) + 600.0 * trace * force.sine * std::sqrt(2.0 * inverse(0));
+      less.edge_rounding_ += std::pow(1.01 * unit_roundoff * size, 2) / kappa;
+      less.W_[e.edge] *= 1.0 - kappa;
+      for (const Index end : {e.i, e.j}) {
+        less.diagonal_[end] -= kappa * W_[e.edge];
+        less.loose_[end] -= trace;
+      }
+    }
+    for (double& loose : less.loose_) loose = std::max(loose, 0.0);
+    return less;
   }
 
   /// An edge of the component, its ends as rows.
@@ -64,6 +104,8 @@ class AnisotropicCertificateMatrix {
   const std::vector<Edge>& edges() const { return edges_; }
   Index num_nodes() const { return static_cast<Index>(nodes_.size()); }
   Eigen::Index size() const { return 3 * static_cast<Eigen::Index>(num_nodes()); }
+  Index num_edges_at(Index a) const { return static_cast<Index>(graph_.row(nodes_[a]).size()); }
+  int num_threads() const { return num_threads_; }
   /// At least the largest absolute entry of the blocks in row a, and of their sum.
   double scale(Index a) const { return scale_[a]; }
 
@@ -80,6 +122,16 @@ class AnisotropicCertificateMatrix {
       }
     }
     return Y;
+  }
+
+  /// add(S_ab, b) for all blocks of row a.
+  template <typename Add>
+  void add_row(Index a, Add&& add) const {
+    add(diagonal_[a], a);
+    for (const HalfEdge& h : graph_.row(nodes_[a])) {
+      const Vector3& p = force_[h.edge()].p;
+      add(Matrix3(-(W_[h.edge()] + hat(h.is_i() ? p : Vector3(-p)))), row(h.node));
+    }
   }
 
   /// S N: -[g_i / 4] with g the gradient.
@@ -115,13 +167,20 @@ class AnisotropicCertificateMatrix {
     const double terms = 8.0 * graph_.row(nodes_[a]).size() + 16.0;
     return unit_roundoff * (terms * scale_[a] + 200.0 * precision_[a]);
   }
-  /// The same of the leftover's block at a: a bound on |dK_a|_F.
-  double leftover_rounding(Index a) const { return 2.0 * block_rounding(a); }
+  /// The same of the leftover's block at a: a bound on |dK_a|_F, but for the errors of the edges
+  /// that were taken away.
+  double leftover_rounding(Index a) const {
+    const double additions = 16.0 * graph_.row(nodes_[a]).size() + 32.0;
+    return unit_roundoff * (additions * pull_[a] + 400.0 * loose_[a]);
+  }
+  /// What those errors amount to: the square of what is to be added to the root of the bound.
+  double leftover_edge_rounding() const { return edge_rounding_; }
 
  private:
   Index row(Index node) const { return components_.row_in_component[node]; }
 
   const AnisotropicGraph& graph_;
+  int num_threads_;
   const Components& components_;
   const std::vector<Index>& nodes_;
   const std::vector<EdgeForce>& force_;
@@ -130,6 +189,9 @@ class AnisotropicCertificateMatrix {
   std::vector<Matrix3> diagonal_;
   std::vector<double> scale_;
   std::vector<double> precision_;  ///< sum of tr(H) at every node
+  std::vector<double> pull_;       ///< sum of |p| at every node
+  std::vector<double> loose_;      ///< sum of tr(H) of the edges of which nothing was taken away
+  double edge_rounding_ = 0.0;
 };
 
 }  // namespace rotavg

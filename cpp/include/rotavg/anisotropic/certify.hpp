@@ -16,8 +16,9 @@ class Elimination;
 /// Certifies rotations as the answer to measurements with full covariances: f(R) - f* <= gap.
 ///
 /// The splits of the edges (anisotropic/split.hpp) are those of the closed form; where these do not
-/// prove, they are improved by a few steps. What is left then is a bound all the same. No random
-/// start is tried: graphs that cannot be factorised within the limits get the bound f* >= 0.
+/// prove, they are improved by a few steps. What is left then is a bound all the same. Where a
+/// factorisation would cost much more than a random start, that is tried first, on the splits in
+/// closed form; graphs that neither can prove get the bound f* >= 0.
 ///
 /// @param R world_from_i, one rotation per node
 /// @param eliminations of all components, without their roots

@@ -8,11 +8,13 @@
 
 #include <rotavg/anisotropic/certificate_matrix.hpp>
 #include <rotavg/anisotropic/certify.hpp>
+#include <rotavg/anisotropic/global_operator.hpp>
 #include <rotavg/anisotropic/improve_split.hpp>
 #include <rotavg/anisotropic/proof.hpp>
 #include <rotavg/anisotropic/residuals.hpp>
 #include <rotavg/anisotropic/split.hpp>
 #include <rotavg/certify/component_certificate.hpp>
+#include <rotavg/certify/random_start.hpp>
 #include <rotavg/compiled.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
@@ -56,6 +58,46 @@ inline std::vector<Measure> measure_components(const AnisotropicResiduals& resid
   return measures;
 }
 
+/// Operations of a factorisation that take as long as a product of S with two columns.
+inline double cost_of_product(std::size_t num_edges) {
+  return 300.0 * static_cast<double>(num_edges);
+}
+
+/// Whether a factorisation is not possible, or would cost much more than a random start.
+inline bool is_random_start_better(const EdgeSplits& splits, Elimination& elimination,
+                                   bool can_factorize, const CertificateOptions& options) {
+  constexpr double quick = 1e9, worth_certainty = 3.0, usual_products = 130.0;
+  if (!(options.failure_probability > 0.0)) return false;
+  const double by_products =
+      worth_certainty * usual_products * cost_of_product(splits.residuals()().size());
+  return !can_factorize ||
+         elimination.flops(3, options.max_factorization_flops) > std::max(quick, by_products);
+}
+
+/// CertificateMethod::none where it does not speak for R.
+inline ComponentBound bound_component_by_random_start(const AnisotropicCertificateMatrix& S,
+                                                      Elimination& elimination, bool can_factorize,
+                                                      const CertificateOptions& options) {
+  RandomStartOptions start;
+  start.failure_probability = options.failure_probability;
+  start.seed = options.seed;
+  start.keep_going = options.keep_going;
+  if (can_factorize) {
+    const double product = cost_of_product(S.edges().size());
+    const double flops = elimination.flops(3, options.max_factorization_flops);
+    start.max_products = std::min(start.max_products, flops / product);
+  }
+  const RandomStartResult result = RandomStartOf<GlobalOperator>(GlobalOperator<2>(S), start)();
+  ComponentBound bound;
+  if (result.outcome == RandomStartOutcome::positive) {
+    bound = bound_by_random_start(S, result.cut);
+    bound.failure_probability = options.failure_probability;
+  } else if (result.outcome == RandomStartOutcome::negative) {
+    bound.lambda_min = result.quotient;
+  }
+  return bound;
+}
+
 /// What S at some rotations says of one component: with the splits in closed form, and if these do
 /// not prove, with better ones; at last the gap that the best of them leaves.
 /// @param resolution how small a gap has to be told from zero
@@ -63,13 +105,21 @@ inline ComponentBound bound_component(EdgeSplits& splits, const Components& comp
                                       Index component, Elimination& elimination, double resolution,
                                       const CertificateOptions& options) {
   constexpr int most_steps = 25, steps_where_definite = 5;
-  constexpr double usual_mu = 1e-6, large_mu = 1e-3;
+  constexpr double usual_mu = 1e-6, large_mu = 1e-3, kappa = 0.5;
   const double max_flops = options.max_factorization_flops;
   const auto is_possible = [max_flops](Elimination& of) {
     return of.flops(3, max_flops) <= max_flops && of.factor_bytes(3) <= available_memory();
   };
   const auto stopped = [&] { return options.keep_going && !options.keep_going(); };
-  if (!is_possible(elimination)) return {};
+  const bool can_factorize = is_possible(elimination);
+  if (is_random_start_better(splits, elimination, can_factorize, options)) {
+    const ComponentBound bound =
+        bound_component_by_random_start(AnisotropicCertificateMatrix(splits, components, component),
+                                        elimination, can_factorize, options);
+    const bool is_enough = bound.is_definite && !(bound.rounding > resolution);
+    if (is_enough || !can_factorize) return bound;
+  }
+  if (!can_factorize) return {};
   std::optional<SplitImprovement> improvement;
   std::optional<EdgeSplits> best;
   double value = 0.0, lambda_min = 0.0;  // of the best
@@ -78,9 +128,10 @@ inline ComponentBound bound_component(EdgeSplits& splits, const Components& comp
     const AnisotropicCertificateMatrix S(splits, components, component);
     ComponentBound bound =
         bound_by_grounded_factorization(S, elimination, usual_mu, options.keep_going);
-    if (bound.is_definite && bound.gap > resolution) {  // of rounding, perhaps
-      const auto again =
-          bound_by_grounded_factorization(S, elimination, large_mu, options.keep_going);
+    for (const double mu : {usual_mu, large_mu}) {
+      if (!bound.is_definite || bound.gap <= resolution) break;
+      const auto again = bound_by_grounded_factorization(  // of rounding, perhaps
+          S.less_firm_edges(kappa), elimination, mu, options.keep_going);
       if (again.gap < bound.gap) bound = again;
     }
     if (bound.gap < definite.gap) definite = bound;

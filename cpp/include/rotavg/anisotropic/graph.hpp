@@ -18,6 +18,13 @@
 
 namespace rotavg {
 
+/// An axis about which f is flat: whatever an edge joins to the first node of its component may
+/// turn about it, as all that gravity alone holds about down. (Only one such edge of each part.)
+struct FreeAxis {
+  Index edge;
+  Vector3 axis;  ///< of length 1, in the frame of j, which is that first node
+};
+
 /// Measurements that know some axes better than others. With H_ij >= 0 the precision (inverse
 /// covariance, radians^-2) of the error r = log(R_ij^T R_i^T R_j), in the frame of j,
 ///
@@ -29,10 +36,14 @@ class AnisotropicGraph {
  public:
   /// @param graph whose weights do not count
   /// @param precisions (m,) H of every edge; they may be singular, but not zero
+  /// @param free_axes of edges whose precision about that axis is zero
   /// @throws InvalidEdge for one that is not finite, symmetric and positive semidefinite
   /// @throws std::invalid_argument unless there is one for each edge
-  AnisotropicGraph(MeasurementGraph graph, std::vector<Matrix3> precisions)
-      : scalar_(std::move(graph)), precisions_(std::move(precisions)) {
+  AnisotropicGraph(MeasurementGraph graph, std::vector<Matrix3> precisions,
+                   std::vector<FreeAxis> free_axes = {})
+      : scalar_(std::move(graph)),
+        precisions_(std::move(precisions)),
+        free_axes_(std::move(free_axes)) {
     if (precisions_.size() != scalar_.edges().size()) {
       throw std::invalid_argument("found " + std::to_string(precisions_.size()) +
                                   " precisions; expected " +
@@ -62,6 +73,7 @@ class AnisotropicGraph {
 
   /// (m,) H.
   const std::vector<Matrix3>& precisions() const { return precisions_; }
+  const std::vector<FreeAxis>& free_axes() const { return free_axes_; }
   /// The block Rt_lq of a half-edge of node l.
   Matrix3 block(const HalfEdge& h) const {
     const Matrix3& N = blocks_[h.edge()];
@@ -89,6 +101,7 @@ class AnisotropicGraph {
 
   MeasurementGraph scalar_;
   std::vector<Matrix3> precisions_;
+  std::vector<FreeAxis> free_axes_;
   std::vector<Matrix3> blocks_;  ///< N
 };
 

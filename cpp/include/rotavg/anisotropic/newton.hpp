@@ -1,7 +1,5 @@
 #pragma once
 
-#include <algorithm>
-#include <cmath>
 #include <functional>
 #include <utility>
 #include <vector>
@@ -17,9 +15,9 @@
 #include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/solve/monitor.hpp>
+#include <rotavg/solve/newton.hpp>
 #include <rotavg/solve/options.hpp>
 #include <rotavg/solve/result.hpp>
-#include <rotavg/solve/truncated_cg.hpp>
 
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
@@ -74,22 +72,17 @@ class AnisotropicMetric {
   Eigen::MatrixXd free_;
 };
 
-/// Newton's method with conjugate gradients and a line search (Armijo) on general blocks, as
-/// solve/newton.hpp. The preconditioner is factored at the start; where it is not positive definite
-/// there, coordinate descent goes on instead.
+/// Newton's method on general blocks, as solve/newton.hpp. The preconditioner is factored at the
+/// start; where it is not positive definite there, coordinate descent goes on instead.
 ///
 /// @param R the initial value, world_from_i, one rotation per node
 /// @param eliminations of all components, without their roots
 inline IterationResult newton(const AnisotropicGraph& graph, const Rotations& R,
                               std::vector<Elimination>& eliminations,
                               const IterationOptions& options = {}) {
-  constexpr int max_cg_steps = 50;
-  constexpr int max_halvings = 40;
-  constexpr double sufficient = 1e-4;
   Monitor monitor(graph.scalar(), R, options);
-  const int num_threads = monitor.num_threads();
-  Quaternions q = to_quaternions(R), next(q);
-  AnisotropicResiduals residuals(graph, q, num_threads);
+  Quaternions q = to_quaternions(R);
+  AnisotropicResiduals residuals(graph, q, monitor.num_threads());
   AnisotropicMetric metric(eliminations);
   const auto outcome = metric.factorize(residuals, [&] { return monitor.keep_going(); });
   if (outcome == CholeskyOutcome::not_positive_definite) {
@@ -101,40 +94,7 @@ inline IterationResult newton(const AnisotropicGraph& graph, const Rotations& R,
     monitor.should_stop(residuals.objective(), residuals.gradient_norm(), 0.0);
     return std::move(monitor).result(R);
   }
-  NodeVectors g(graph.num_nodes(), 3);
-  TruncatedCg<NodeVectors> newton_direction;
-  double step = 0.0;
-  while (!monitor.should_stop(residuals.objective(), residuals.gradient_norm(), step)) {
-    for (Index i = 0; i < graph.num_nodes(); ++i) {
-      g.row(i) = residuals.gradient(i).transpose();
-    }
-    const double forcing = std::min(0.1, std::sqrt(monitor.relative_gradient()));
-    const NodeVectors& w = newton_direction(
-        g, forcing, max_cg_steps, monitor.num_threads(),
-        [&](const NodeVectors& p, NodeVectors& Hp) { apply_hessian(residuals, p, Hp); },
-        [&](const NodeVectors& r, NodeVectors& z) { metric.apply(r, z); });
-    const double slope = g.cwiseProduct(w).sum(), f = residuals.objective();
-
-    double t = 1.0;
-    for (int k = 0;; ++k, t *= 0.5) {
-      if (k == max_halvings) {  // rounding, or no direction of descent: a sweep never rises
-        Rotations swept = to_rotations(q);
-        bcd_sweep(graph, swept, monitor);
-        next = to_quaternions(swept);
-        residuals.update(next);
-        break;
-      }
-      for (Index i = 0; i < graph.num_nodes(); ++i) {
-        next[i] = graph.row(i).size() == 0 ? q[i] : turned(q[i], t * w.row(i).transpose());
-      }
-      residuals.update(next);
-      const double enough = f + sufficient * t * slope + residuals.objective_rounding();
-      if (residuals.objective() <= enough) break;
-    }
-    step = t * std::sqrt(2.0 / 3.0 * w.squaredNorm() / graph.num_nodes());
-    std::swap(q, next);
-  }
-  return std::move(monitor).result(to_rotations(q, R));
+  return newton_iteration(graph, R, std::move(q), residuals, metric, std::move(monitor));
 }
 
 }  // namespace rotavg

@@ -31,6 +31,9 @@ namespace rotavg {
 ///     gap <= ( sqrt( tr(Z^T K~) + tr(Z^T rho) + sum |rho_a|^2 / mu_a ) + sqrt( sum |dK_a|^2 / mu_a
 ///            ) )^2.
 ///
+/// Given S - kappa L_W instead (less_firm_edges), that is what is factorised, and the errors of
+/// those edges count by themselves.
+///
 /// @param S must be of the component of `elimination`, which is without its root
 /// @param largest_mu of the scale of a node: the larger mu may be, the less rounding counts
 /// @returns CertificateMethod::none where S_r is not positive definite, or the work was stopped
@@ -73,12 +76,12 @@ inline ComponentBound bound_by_grounded_factorization(const AnisotropicCertifica
     leftover_square += std::pow(S.leftover_rounding(a), 2) / mu[a];
   }
   const double rest = std::sqrt(rho_square) + std::sqrt(error_square);
-  const double root =
-      std::sqrt(std::max(first_order, 0.0) + rest * rest) + std::sqrt(leftover_square);
+  const double root = std::sqrt(std::max(first_order, 0.0) + rest * rest) +
+                      std::sqrt(leftover_square) + std::sqrt(S.leftover_edge_rounding());
   bound.method = CertificateMethod::factorization;
   bound.is_definite = true;
   bound.gap = (1.0 + 1e-9) * root * root;
-  bound.rounding = leftover_square;
+  bound.rounding = leftover_square + S.leftover_edge_rounding();
   // As N^T S N = 0 and S >= -e e^T (x) Q, Q = K^T Z, to first order:
   const Eigen::MatrixXd Q = inner_products(K, Z);
   bound.lambda_min =

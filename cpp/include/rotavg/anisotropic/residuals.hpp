@@ -34,10 +34,17 @@ inline Matrix3 linear_cost(const AnisotropicGraph& graph, const Rotations& R, In
 ///     T = tr(G) I - sym(G),     [p] = skew(G).
 ///
 /// T is the precision that is felt there (R_j H R_j^T where the edge fits), and 4 p the gradient.
+///
+/// Where f is flat about an axis a (FreeAxis), T has tr(H) / 4 a a^T besides, as if that were known
+/// there, too: no step of Newton's method is wasted on it, and it costs a proof nothing. For any
+/// rotations, those of the part turned about a so that X = R_i' R_i^T turns about an axis u across
+/// a cost the same; and of these alone a split asks for u^T Q u >= 0 (anisotropic/split.hpp), where
+/// -tr(H) / 4 a a^T in Q is zero.
 struct EdgeForce {
   Matrix3 T;
   Vector3 p;
   double cost;  ///< what the edge adds to the objective
+  double sine;  ///< |v|, of half the residual angle
 };
 
 /// All edges at some rotations.
@@ -74,8 +81,14 @@ class AnisotropicResiduals {
       force_[k].T = -symmetric_part(G);
       add_to_diagonal(force_[k].T, G.trace());
       force_[k].p = e.w() * Hv + cross(v, Hv);
+      force_[k].sine = v.norm();
       return force_[k].cost = 4.0 * v.dot(Hv);
     });
+    for (const FreeAxis& free : graph_->free_axes()) {
+      const Vector3 a = product(weighted_rotation(q[edges[free.edge].j]), free.axis);
+      add(force_[free.edge].T,
+          outer_product(0.25 * graph_->precisions()[free.edge].trace() * a, a));
+    }
   }
 
   const AnisotropicGraph& graph() const { return *graph_; }

@@ -1,11 +1,9 @@
 #pragma once
 
 #include <optional>
-#include <vector>
 
 #include <rotavg/anisotropic/graph.hpp>
 #include <rotavg/compiled.hpp>
-#include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/solve/solution.hpp>
 #include <rotavg/types.hpp>
 
@@ -24,15 +22,6 @@ namespace rotavg {
 /// @throws std::invalid_argument as solve() of a MeasurementGraph
 ROTAVG_INLINE Solution solve(const AnisotropicGraph& graph, const SolveOptions& options = {},
                              std::optional<Rotations> start = std::nullopt);
-
-/// The same with priors, from a solution without covariances. What rides turns the precisions with
-/// it, and a prior of the weight w has the precision w I. (No gravity.)
-///
-/// @param precisions (m,) of the edges of problem.given()
-/// @param start one rotation for each given node
-/// @throws std::invalid_argument also for gravity
-ROTAVG_INLINE Solution solve(const GroundedGraph& problem, const std::vector<Matrix3>& precisions,
-                             const SolveOptions& options, const Rotations& start);
 
 }  // namespace rotavg
 

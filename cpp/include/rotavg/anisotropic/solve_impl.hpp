@@ -22,10 +22,8 @@
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/gauge.hpp>
-#include <rotavg/reduction/reduced_graph.hpp>
-#include <rotavg/so3/quaternion.hpp>
-#include <rotavg/so3/small_products.hpp>
 #include <rotavg/solve/automatic.hpp>
+#include <rotavg/solve/polish.hpp>
 #include <rotavg/solve/run.hpp>
 #include <rotavg/solve/solve.hpp>
 #include <rotavg/solve/stopwatch.hpp>
@@ -53,10 +51,11 @@ class AnisotropicRun {
         start ? checked_rotations(graph_.scalar(), *std::move(start)) : initial_value(solution);
     solution.timings.init = watch_.seconds();
     descend(R, solution);
-    const bool refuted = solution.certificate.shortfall == Shortfall::negative;
-    if (is_scalar_first() && refuted && is_converged(solution.status) && may_go_on(solution)) {
-      try_chordal_start(solution);
+    constexpr int most_times = 3;
+    for (int k = 0; k < most_times && is_scalar_first() && polish(solution); ++k) {
     }
+    if (is_scalar_first() && is_refuted(solution)) try_chordal_start(solution);
+    if (is_scalar_first() && is_refuted(solution)) try_scalar_staircase(solution);
     return solution;
   }
 
@@ -106,6 +105,10 @@ class AnisotropicRun {
     fix_gauge(components_, solution.rotations);
     solution.timings.solve += watch_.seconds() - before;
     solution.certificate = Certificate{};
+    certify(solution);
+  }
+
+  void certify(Solution& solution) {
     const bool interrupted = options_.iteration.keep_going && !options_.iteration.keep_going();
     if (!options_.certify || interrupted) return;
     const double solved = watch_.seconds();
@@ -118,6 +121,21 @@ class AnisotropicRun {
     solution.certificate =
         rotavg::certify(graph_, solution.rotations, components_, eliminations_, certificate);
     solution.timings.certify += watch_.seconds() - solved;
+  }
+
+  /// @returns whether more steps have made the gap smaller
+  bool polish(Solution& solution) {
+    const bool possible = is_leftover(solution.certificate) && is_converged(solution.status);
+    if (!possible || !may_go_on(solution)) return false;
+    const auto go_on = [this](const IterationOptions& options, Solution& next) {
+      const double before = watch_.seconds();
+      const Rotations R = next.rotations;
+      append(next, newton(graph_, R, eliminations_, options));
+      fix_gauge(components_, next.rotations);
+      next.timings.solve += watch_.seconds() - before;
+    };
+    return rotavg::polish(solution, options_.certificate.tolerance, limits(solution), go_on,
+                          [this](Solution& next) { certify(next); });
   }
 
   IterationResult iterate(const Rotations& R, const IterationOptions& limits, Solution& solution) {
@@ -158,19 +176,51 @@ class AnisotropicRun {
     return result;
   }
 
+  bool is_refuted(const Solution& solution) const {
+    return solution.certificate.shortfall == Shortfall::negative && is_converged(solution.status) &&
+           may_go_on(solution);
+  }
+
   void try_chordal_start(Solution& solution) {
     const double before = watch_.seconds();
     const auto R =
         chordal_init(graph_.scalar(), eliminations_, max_flops, options_.iteration.keep_going);
     if (!R) return;
-    Solution second;
-    second.iterations = solution.iterations;
-    second.timings = solution.timings;
+    Solution second = continued(solution);
     second.timings.init += watch_.seconds() - before;
     second.init = Initialization::chordal;
-    descend(*R, second);
+    try_from(*R, "the chordal start", std::move(second), solution);
+  }
+
+  /// From where the staircase of the scalar problem leads, whose basins are much the same.
+  void try_scalar_staircase(Solution& solution) {
+    const double before = watch_.seconds();
+    SolveOptions climbing = options_;
+    climbing.method = Method::staircase;
+    climbing.certify = true;
+    climbing.iteration = limits(solution);
+    climbing.iteration.callback = nullptr;
+    const Solution scalar = rotavg::solve(graph_.scalar(), climbing, solution.rotations);
+    Solution second = continued(solution);
+    second.init = solution.init;
+    second.iterations += scalar.iterations;
+    second.timings.init += watch_.seconds() - before;
+    try_from(scalar.rotations, "the staircase without covariances", std::move(second), solution);
+  }
+
+  /// Nothing yet, after the iterations and the time that were spent.
+  static Solution continued(const Solution& before) {
+    Solution second;
+    second.iterations = before.iterations;
+    second.timings = before.timings;
+    return second;
+  }
+
+  /// A second run; the better solution stays.
+  void try_from(const Rotations& R, const char* name, Solution second, Solution& solution) {
+    descend(R, second);
     const bool better = second.objective < solution.objective;
-    const std::string reason = solution.reason + "; a second run, from the chordal start, did " +
+    const std::string reason = solution.reason + "; a second run, from " + name + ", did " +
                                (better ? "" : "no ") + "better";
     solution.timings = second.timings;
     if (better) solution = std::move(second);
@@ -189,58 +239,6 @@ class AnisotropicRun {
 ROTAVG_INLINE Solution solve(const AnisotropicGraph& graph, const SolveOptions& options,
                              std::optional<Rotations> start) {
   return detail::AnisotropicRun(graph, options)(std::move(start));
-}
-
-namespace detail {
-
-/// What the edges cost whose two ends ride on one variable, whatever the others do.
-inline double cost_of_held_edges(const GroundedGraph& problem,
-                                 const std::vector<Matrix3>& precisions, const Rotations& R) {
-  const auto& given = problem.given().edges();
-  std::vector<bool> is_kept(given.size(), false);
-  for (const Index k : problem.kept()) is_kept[k] = true;
-  double sum = 0.0;
-  for (std::size_t k = 0; k < given.size(); ++k) {
-    if (is_kept[k]) continue;
-    const Edge& e = given[k];
-    const Matrix3 error = transposed_product(product(R[e.i], e.i_from_j()), R[e.j]);
-    const Vector3 v = vector_part(to_quaternion(error).coeffs());
-    sum += 4.0 * dot(v, product(precisions[k], v));
-  }
-  return sum;
-}
-
-}  // namespace detail
-
-ROTAVG_INLINE Solution solve(const GroundedGraph& problem, const std::vector<Matrix3>& precisions,
-                             const SolveOptions& options, const Rotations& start) {
-  if (!problem.gravity().first.empty()) {
-    throw std::invalid_argument("gravity is not possible with full covariances");
-  }
-  const auto& given = problem.given().edges();
-  if (precisions.size() != given.size()) {
-    throw std::invalid_argument("found " + std::to_string(precisions.size()) +
-                                " precisions; expected " + std::to_string(given.size()) +
-                                ", one for each edge");
-  }
-  std::vector<Matrix3> turned;  // into the frames of the variables
-  for (const Index k : problem.kept()) {
-    const Matrix3& C_j = problem.riding().variable_from_node[given[k].j];
-    turned.push_back(product_transposed(C_j * precisions[k], C_j));
-  }
-  const auto& edges = problem.graph().edges();
-  for (std::size_t k = turned.size(); k < edges.size(); ++k) {
-    turned.push_back(edges[k].weight * Matrix3::Identity());
-  }
-  const AnisotropicGraph graph(problem.graph(), std::move(turned));
-  const Rotations R = checked_rotations(problem.given(), start);
-  Solution solution = solve(graph, options, problem.variables_from(R));
-  solution.rotations = problem.nodes_from(solution.rotations);
-  solution.components = components_of_nodes(problem.riding(), problem.components());
-  const double held = detail::cost_of_held_edges(problem, precisions, solution.rotations);
-  solution.objective += held;
-  for (Progress& progress : solution.trace) progress.objective += held;
-  return solution;
 }
 
 }  // namespace rotavg

@@ -5,10 +5,10 @@
 
 #include <rotavg/certify/certificate_impl.hpp>
 #include <rotavg/certify/certify_with_priors.hpp>
+#include <rotavg/certify/excess.hpp>
 #include <rotavg/compiled.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/parallel/threads.hpp>
-#include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
@@ -64,14 +64,8 @@ inline std::vector<double> excess_of(const GroundedGraph& problem, const Rotatio
 
 ROTAVG_INLINE Certificate certify(const GroundedGraph& problem, const Rotations& given,
                                   const CertificateOptions& options) {
-  const Rotations R = checked_rotations(problem.given(), given);
+  const Rotations R = detail::checked_to_ride(problem, given);
   const Rotations Q = problem.variables_from(R), held = problem.nodes_from(Q);
-  for (std::size_t i = 0; i < R.size(); ++i) {
-    if (angle_between(R[i], held[i]) > max_contradiction) {
-      throw InvalidRotation(static_cast<Index>(i),
-                            "is not where a fixed rotation or its rig holds the node");
-    }
-  }
   std::vector<Elimination> eliminations = grounded_eliminations(
       problem.graph(), problem.components(), resolve_num_threads(options.num_threads));
   Certificate certificate = certify(problem.graph(), Q, problem.components(), eliminations, options,
@@ -82,22 +76,7 @@ ROTAVG_INLINE Certificate certify(const GroundedGraph& problem, const Rotations&
   const auto measures = detail::measure_components(
       ResidualQuaternions(problem.graph(), to_quaternions(Q), num_threads), problem.components(),
       problem.gravity());
-  for (std::size_t c = 0; c < excess.size(); ++c) {
-    if (excess[c] == 0.0) continue;
-    ComponentCertificate& part = certificate.components[c];
-    detail::Measure measure = measures[c];
-    measure.objective += excess[c];
-    part.gap += excess[c];
-    part.relative_gap = measure.relative(part.gap);
-    part.verdict = detail::verdict_of(part, options.tolerance);
-    if (part.verdict == Verdict::not_certified && part.shortfall == Shortfall::none) {
-      part.shortfall = Shortfall::leftover;
-    }
-    certificate.gap += excess[c];
-    if (!(part.relative_gap <= certificate.relative_gap)) certificate.shortfall = part.shortfall;
-    certificate.relative_gap = detail::larger(certificate.relative_gap, part.relative_gap);
-  }
-  certificate.verdict = detail::verdict_of(certificate, options.tolerance);
+  detail::add_excess(excess, measures, options.tolerance, certificate);
   return certificate;
 }
 

@@ -26,6 +26,11 @@
 
 namespace rotavg {
 
+struct LocalOperatorNode {
+  Matrix3 R, Lambda;  ///< world_from_i; the diagonal block in the frame of i
+  double degree;
+};
+
 /// M = D^-1/2 S D^-1/2 of one component, D the degrees, on the complement of D^1/2 N: the operator
 /// of the iterations that factorise nothing. Its spectrum lies below 2.
 ///
@@ -43,12 +48,10 @@ class LocalOperator {
 
   /// @param S must outlive this object
   /// @param q world_from_i, of every node of the graph: where S was taken
-  /// @param rows those of the graph, where another operator has them already
-  LocalOperator(const CertificateMatrix& S, const Quaternions& q,
-                std::shared_ptr<const HalfEdgeRows> rows = nullptr)
+  LocalOperator(const CertificateMatrix& S, const Quaternions& q)
       : S_(S),
         num_threads_(S.residuals().num_threads()),
-        rows_(rows ? std::move(rows) : std::make_shared<const HalfEdgeRows>(S.graph())) {
+        rows_(std::make_shared<const HalfEdgeRows>(S.graph())) {
     nodes_.resize(S.nodes().size());
     for (Index a = 0; a < S.num_nodes(); ++a) {
       const Index i = S.nodes()[a];
@@ -58,8 +61,21 @@ class LocalOperator {
     }
   }
 
+  /// The same with other columns.
+  template <int K>
+  explicit LocalOperator(const LocalOperator<K>& other)
+      : S_(other.S_),
+        num_threads_(other.num_threads_),
+        rows_(other.rows_),
+        nodes_(other.nodes_),
+        total_degree_(other.total_degree_) {}
+
   Index num_nodes() const { return S_.num_nodes(); }
-  const std::shared_ptr<const HalfEdgeRows>& rows() const { return rows_; }
+  int num_threads() const { return num_threads_; }
+  /// D at a node.
+  double degree(Index a) const { return nodes_[a].degree; }
+  /// A vector in the frame of a node, in the global one.
+  Vector3 in_global_frame(Index a, const Vector3& z) const { return product(nodes_[a].R, z); }
   /// Of the complement.
   Eigen::Index dimension() const { return S_.size() - 3; }
 
@@ -149,6 +165,9 @@ class LocalOperator {
   }
 
  private:
+  template <int K>
+  friend class LocalOperator;
+
   static void prefetch(const void* address) {
 #ifdef __GNUC__
     __builtin_prefetch(address);
@@ -157,10 +176,6 @@ class LocalOperator {
 #endif
   }
 
-  struct Node {
-    Matrix3 R, Lambda;  ///< world_from_i; the diagonal block in the frame of i
-    double degree;
-  };
   /// Several sums at once.
   template <int N>
   struct Sum {
@@ -180,6 +195,8 @@ class LocalOperator {
       y(2, c) += A(2, 0) * x_0 + A(2, 1) * x_1 + A(2, 2) * x_2;
     }
   }
+
+  using Node = LocalOperatorNode;
 
   const CertificateMatrix& S_;
   int num_threads_;

@@ -63,15 +63,16 @@ struct RandomStartResult {
 /// U_(k-j)(x) <= T_k(x) e^(-(j-1) eta) / sinh(eta).
 ///
 /// (Kuczynski and Wozniakowski 1992 is the like for Lanczos' method, in exact arithmetic.)
-class RandomStart {
+///
+/// @tparam OperatorOf LocalOperator or one like it: M on so many columns, the complement, degrees
+template <template <int> class OperatorOf>
+class RandomStartOf {
  public:
   using Options = RandomStartOptions;
   using Result = RandomStartResult;
 
-  /// @param S must outlive this object
-  /// @param q world_from_i, where S was taken
-  RandomStart(const CertificateMatrix& S, const Quaternions& q, Options options)
-      : S_(S), q_(q), operator_(S, q), options_(std::move(options)) {}
+  RandomStartOf(OperatorOf<2> M, Options options)
+      : operator_(std::move(M)), options_(std::move(options)) {}
 
   /// More products than this are not worth while.
   void limit_products(double max_products) { options_.max_products = max_products; }
@@ -125,8 +126,8 @@ class RandomStart {
   }
 
  private:
-  using Operator = LocalOperator<2>;
-  using Vectors = Operator::Vectors;
+  using Operator = OperatorOf<2>;
+  using Vectors = typename Operator::Vectors;
   static constexpr double pi_ = 3.141592653589793;
   static constexpr double smallest = 1e-9;  ///< tau
 
@@ -142,17 +143,17 @@ class RandomStart {
   }
 
   double estimate() {
-    const LocalOperator<1> single(S_, q_, operator_.rows());
-    using Single = LocalOperator<1>::Vectors;
+    const OperatorOf<1> single(operator_);
+    using Single = typename OperatorOf<1>::Vectors;
     const Index n = single.num_nodes();
     Single z(static_cast<std::size_t>(n)), Mz(z);
-    const int num_threads = S_.residuals().num_threads();
+    const int num_threads = single.num_threads();
     std::vector<double> root(z.size());
-    for (Index a = 0; a < n; ++a) root[a] = std::sqrt(S_.graph().degree(S_.nodes()[a]));
+    for (Index a = 0; a < n; ++a) root[a] = std::sqrt(single.degree(a));
     for (auto& block : Mz) block.setZero();
     // Between z and y = D^1/2 z.
     const auto scaled = [&](const Single& from) {
-      Eigen::VectorXd y(S_.size());
+      Eigen::VectorXd y(3 * static_cast<Eigen::Index>(n));
       parallel_for(n, num_threads, [&](Index a) {
         for (int k = 0; k < 3; ++k) y(3 * a + k) = root[a] * from[a](k);
       });
@@ -193,7 +194,7 @@ class RandomStart {
     double longest = 1.0;                                  // so far
     for (int k = 1; k <= max_steps; ++k) {
       if (!goes_on()) return {RandomStartOutcome::stopped, 0.0, 0.0, {}};
-      const Operator::Row squares = operator_.products(z, z);
+      const auto squares = operator_.products(z, z);
       const bool first = squares[0] > squares[1] || std::isnan(squares[0]);  // a NaN stays
       const double length = std::sqrt(squares[first ? 0 : 1]);
       longest = std::max(longest, length);
@@ -213,29 +214,36 @@ class RandomStart {
   /// Whether a column of z refutes R.
   Result rayleigh(const Vectors& z, Vectors Sz) const {
     operator_.apply(z, 1.0, 0.0, 0.0, Sz);
-    const Operator::Row products = operator_.products(z, Sz), squares = operator_.products(z, z);
+    const auto products = operator_.products(z, Sz), squares = operator_.products(z, z);
     const double quotients[2] = {products[0] / squares[0], products[1] / squares[1]};
     const int c = quotients[1] < quotients[0] ? 1 : 0;
     Result result;
     result.quotient = quotients[c];
     if (!(result.quotient < -2.0 * error(1.0))) return result;
     result.outcome = RandomStartOutcome::negative;
-    result.x.resize(S_.size());
-    for (Index a = 0; a < S_.num_nodes(); ++a) {
+    result.x.resize(3 * static_cast<Eigen::Index>(operator_.num_nodes()));
+    for (Index a = 0; a < operator_.num_nodes(); ++a) {
       const Vector3 z_a(z[a](0, c), z[a](1, c), z[a](2, c));
-      const Vector3 x_a = product(q_[S_.nodes()[a]].toRotationMatrix(), z_a);
+      const Vector3 x_a = operator_.in_global_frame(a, z_a);
       for (int k = 0; k < 3; ++k) result.x(3 * a + k) = x_a(k);
     }
     return result;
   }
 
-  const CertificateMatrix& S_;
-  const Quaternions& q_;
   Operator operator_;
   Options options_;
   double theta_ = std::numeric_limits<double>::quiet_NaN();
   bool stopped_ = false;
   mutable double rounding_ = 0.0;
+};
+
+/// That of S in local frames.
+class RandomStart : public RandomStartOf<LocalOperator> {
+ public:
+  /// @param S must outlive this object
+  /// @param q world_from_i, where S was taken
+  RandomStart(const CertificateMatrix& S, const Quaternions& q, Options options)
+      : RandomStartOf(LocalOperator<2>(S, q), std::move(options)) {}
 };
 
 /// The bound that a random start gives, where it speaks for R. Split any x as N c + z with N^T D z

@@ -25,34 +25,23 @@
 
 namespace rotavg {
 
-/// Newton's method on the product of rotations, R_i <- exp(w_i) R_i, with conjugate gradients
-/// preconditioned by the scalar graph Laplacian, and a line search that lets the objective fall at
-/// every step (Armijo). On trajectories it needs some tens of Laplacian solves where coordinate
-/// descent needs thousands of sweeps.
+/// The iteration of Newton's method, R_i <- exp(w_i) R_i, from the residuals at q: conjugate
+/// gradients in a metric that has been factorised, and a line search that lets the objective fall
+/// at every step (Armijo). The measurements may have one weight each or full covariances:
 ///
-/// @param R the initial value, world_from_i, one rotation per node
-/// @param metric of this graph; factorised here
-inline IterationResult newton(const MeasurementGraph& graph, const Rotations& R,
-                              LaplacianMetric& metric, const IterationOptions& options = {}) {
+///     Residuals   objective(), objective_rounding(), gradient(i), gradient_norm(), update(q)
+///     functions   apply_hessian(residuals, p, Hp), bcd_sweep(graph, q, monitor)
+///     Metric      apply(r, z)
+///
+/// @param R the initial value, which a node keeps that does not move
+template <typename Graph, typename Residuals, typename Metric>
+IterationResult newton_iteration(const Graph& graph, const Rotations& R, Quaternions q,
+                                 Residuals& residuals, Metric& metric, Monitor monitor) {
   constexpr int max_cg_steps = 50;
   constexpr int max_halvings = 40;
   constexpr double sufficient = 1e-4;
-  Monitor monitor(graph, R, options);
   const int num_threads = monitor.num_threads();
-  // Weights so far apart that L is singular to rounding leave no metric to descend in.
-  const auto outcome = metric.factorize([&] { return monitor.keep_going(); });
-  if (outcome == CholeskyOutcome::not_positive_definite) {
-    IterationOptions rest = options;
-    rest.time_limit -= monitor.seconds();
-    return bcd(graph, R, rest);
-  }
-
-  Quaternions q = to_quaternions(R), next(q);
-  ResidualQuaternions residuals(graph, q, num_threads);
-  if (outcome == CholeskyOutcome::stopped) {
-    monitor.should_stop(residuals.objective(), residuals.gradient_norm(), 0.0);
-    return std::move(monitor).result(R);
-  }
+  Quaternions next(q);
   NodeVectors g(graph.num_nodes(), 3);
   TruncatedCg<NodeVectors> newton_direction;
   double step = 0.0;
@@ -67,6 +56,7 @@ inline IterationResult newton(const MeasurementGraph& graph, const Rotations& R,
         [&](const NodeVectors& p, NodeVectors& Hp) { apply_hessian(residuals, p, Hp); },
         [&](const NodeVectors& r, NodeVectors& z) { metric.apply(r, z); });
     const double slope = flat_dot(g, w), f = residuals.objective();
+    const double rounding = residuals.objective_rounding();
 
     double t = 1.0;
     for (int k = 0;; ++k, t *= 0.5) {
@@ -81,13 +71,38 @@ inline IterationResult newton(const MeasurementGraph& graph, const Rotations& R,
         if (graph.row(i).size() > 0) next[i] = turned(q[i], t * row_of(w, i));
       });
       residuals.update(next);
-      const double enough = f + sufficient * t * slope + objective_rounding(graph, f);
+      const double enough = f + sufficient * t * slope + rounding;
       if (residuals.objective() <= enough) break;
     }
     step = t * std::sqrt(2.0 / 3.0 * flat_dot(w, w) / graph.num_nodes());
     std::swap(q, next);
   }
   return std::move(monitor).result(to_rotations(q, R));
+}
+
+/// Newton's method on the product of rotations, preconditioned by the scalar graph Laplacian. On
+/// trajectories it needs some tens of Laplacian solves where coordinate descent needs thousands of
+/// sweeps.
+///
+/// @param R the initial value, world_from_i, one rotation per node
+/// @param metric of this graph; factorised here
+inline IterationResult newton(const MeasurementGraph& graph, const Rotations& R,
+                              LaplacianMetric& metric, const IterationOptions& options = {}) {
+  Monitor monitor(graph, R, options);
+  // Weights so far apart that L is singular to rounding leave no metric to descend in.
+  const auto outcome = metric.factorize([&] { return monitor.keep_going(); });
+  if (outcome == CholeskyOutcome::not_positive_definite) {
+    IterationOptions rest = options;
+    rest.time_limit -= monitor.seconds();
+    return bcd(graph, R, rest);
+  }
+  Quaternions q = to_quaternions(R);
+  ResidualQuaternions residuals(graph, q, monitor.num_threads());
+  if (outcome == CholeskyOutcome::stopped) {
+    monitor.should_stop(residuals.objective(), residuals.gradient_norm(), 0.0);
+    return std::move(monitor).result(R);
+  }
+  return newton_iteration(graph, R, std::move(q), residuals, metric, std::move(monitor));
 }
 
 /// The same with a metric of its own.

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <limits>
 #include <optional>
 #include <string>
 #include <utility>
@@ -26,6 +25,7 @@
 #include <rotavg/solve/bcd.hpp>
 #include <rotavg/solve/bcdsr.hpp>
 #include <rotavg/solve/newton.hpp>
+#include <rotavg/solve/polish.hpp>
 #include <rotavg/solve/solution.hpp>
 #include <rotavg/solve/stopwatch.hpp>
 #include <rotavg/solve/sum.hpp>
@@ -161,51 +161,24 @@ class SolveRun {
   LowerBound& lower_bound(Index c) { return lower_bounds_[c]; }
 
  private:
-  /// Where S is positive, and only the leftover of the gradient keeps the gap open: more steps, to
-  /// a smaller gradient, whose square the gap follows.
-  /// @returns whether the gap has become smaller
+  /// @returns whether more steps have made the gap smaller
   bool polish(Solution& solution) {
-    constexpr double share = 0.1, falling = 0.7;
-    constexpr int max_idle = 4, max_iterations = 100;
-    const ComponentCertificate& now = solution.certificate;
-    // Slightly negative, it may be the leftover that makes it so.
-    constexpr double slight = 1e-2;
-    const bool may_be_leftover =
-        now.shortfall == Shortfall::leftover ||
-        (now.shortfall == Shortfall::negative && now.relative_gap < slight);
-    if (!may_be_leftover || !is_converged(solution.status) || !may_go_on()) return false;
-    const double before = watch_.seconds();
-    IterationOptions options = limits();
-    options.stop = StopRule::gradient;
-    options.tolerance = solution.relative_gradient *
-                        std::sqrt(share * options_.certificate.tolerance / now.relative_gap);
-    options.max_iterations = std::min(options.max_iterations, max_iterations);
-    double lowest = std::numeric_limits<double>::infinity();
-    int idle = 0;  // iterations in which rounding kept the gradient from falling
-    options.callback = [&, told = options.callback](const Progress& progress) {
-      idle = progress.relative_gradient < falling * lowest ? 0 : idle + 1;
-      lowest = std::min(lowest, progress.relative_gradient);
-      return (!told || told(progress)) && idle < max_idle;
-    };
-    Solution next = solution;
-    std::string reason;
-    append(next, solve_automatically(graph_, eliminations_, solution.rotations, options,
-                                     /*given=*/true, next.method, reason));
-    const int steps = next.iterations - solution.iterations;
-    iterations_ += steps;
-    next.status = solution.status;
-    next.reason += "; " + std::to_string(steps) + " iterations more for the proof";
-    fix_gauge(components_, next.rotations);
-    next.timings.solve += watch_.seconds() - before;
-    if (steps == 0) return false;
-    certify(next);
-    const bool better = next.certificate.relative_gap < now.relative_gap;
-    if (better) {
-      solution = std::move(next);
-    } else {
-      solution.timings = next.timings;
+    if (!is_leftover(solution.certificate) || !is_converged(solution.status) || !may_go_on()) {
+      return false;
     }
-    return better;
+    const auto go_on = [this](const IterationOptions& options, Solution& next) {
+      const double before = watch_.seconds();
+      const int iterations = next.iterations;
+      const Rotations R = next.rotations;
+      std::string reason;
+      append(next, solve_automatically(graph_, eliminations_, R, options, /*given=*/true,
+                                       next.method, reason));
+      iterations_ += next.iterations - iterations;
+      fix_gauge(components_, next.rotations);
+      next.timings.solve += watch_.seconds() - before;
+    };
+    return rotavg::polish(solution, options_.certificate.tolerance, limits(), go_on,
+                          [this](Solution& next) { certify(next); });
   }
 
   double time_left() const { return options_.iteration.time_limit - watch_.seconds(); }

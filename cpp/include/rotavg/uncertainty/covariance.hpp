@@ -31,6 +31,7 @@ struct CovarianceOptions {
   /// (m,) of refine_anisotropic(), at whose minimum the rotations then are; empty: at one of f. The
   /// noise variance is then what the inverses of these are multiplied by.
   std::vector<Matrix3> information;
+  double prior_information = 1.0;  ///< about an axis, of a prior of weight 1; with `information`
   std::vector<FreeTurn> free_turns;
   std::vector<Index> turn_of;  ///< (n,) free turn that a node takes part in, or -1; may be empty
   int num_threads = 1;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <stdexcept>
 #include <string>
@@ -9,6 +10,10 @@
 #include <rotavg/compiled.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
+#include <rotavg/reduction/prior_precisions.hpp>
+#include <rotavg/so3/lie.hpp>
+#include <rotavg/so3/small_products.hpp>
+#include <rotavg/solve/anisotropic_impl.hpp>
 #include <rotavg/types.hpp>
 #include <rotavg/uncertainty/covariance_impl.hpp>
 #include <rotavg/uncertainty/covariance_with_priors.hpp>
@@ -20,12 +25,39 @@ namespace rotavg {
 
 namespace detail {
 
+/// J with log(exp(r) exp(d)) = r + J^-1 d to first order.
+inline Matrix3 right_jacobian(const Vector3& r) {
+  const double angle = std::sqrt(dot(r, r));
+  Matrix3 J = Matrix3::Identity();
+  if (angle < 1e-6) return J;
+  const Matrix3 K = hat(r);
+  J -= (1.0 - std::cos(angle)) / (angle * angle) * K;
+  J += (angle - std::sin(angle)) / (angle * angle * angle) * product(K, K);
+  return J;
+}
+
+/// What edges know in the logarithms of their residuals, where tilts are small but headings are
+/// not: there gravity, of which the first edge stands for both, has J^T H J.
+/// @param Q of the variables
+inline std::vector<Matrix3> information_of_edges(const GroundedGraph& problem,
+                                                 const GroundedPrecisions& precisions,
+                                                 const Rotations& Q) {
+  std::vector<Matrix3> result = precisions_of_edges(problem, precisions, /*of_second=*/0.0);
+  for (const Index k : problem.gravity().first) {
+    const Matrix3 J = right_jacobian(anisotropic_residual(problem.graph().edges()[k], Q));
+    result[k] = transposed_product(J, product(result[k], J));
+  }
+  return result;
+}
+
 /// @param pairs of variables
 inline Covariances covariances_of_variables(const GroundedGraph& problem, const Rotations& R,
                                             const std::vector<NodePair>& pairs,
                                             CovarianceOptions options) {
   if (!options.information.empty()) {
-    throw std::invalid_argument("information of the edges is for graphs without priors");
+    options.information = detail::information_of_edges(
+        problem, {std::move(options.information), options.prior_information},
+        problem.variables_from(R));
   }
   options.turn_of = problem.free_heading();
   options.free_turns.clear();
