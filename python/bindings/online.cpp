@@ -31,7 +31,8 @@ rotavg::Online make_online(double tolerance, double certificate_tolerance, const
 
 py::array_t<rotavg::Index> add(rotavg::Online& online, const IdArray& ends,
                                const DoubleArray& rotations, const DoubleArray& weights,
-                               const std::optional<py::array_t<bool>>& trusted) {
+                               const std::optional<py::array_t<bool>>& trusted,
+                               const IdArray& nodes) {
   const rotavg::Rotations R = to_rotations(rotations, "rotations");
   std::vector<rotavg::RelativeRotation> edges;
   for (std::size_t k = 0; k < R.size(); ++k) {
@@ -39,7 +40,8 @@ py::array_t<rotavg::Index> add(rotavg::Online& online, const IdArray& ends,
   }
   std::vector<bool> mask;
   if (trusted) mask.assign(trusted->data(), trusted->data() + trusted->size());
-  return from_vector(without_gil([&] { return online.add(edges, mask); }));
+  const std::vector<rotavg::NodeId> ids(nodes.data(), nodes.data() + nodes.size());
+  return from_vector(without_gil([&] { return online.add(edges, mask, ids); }));
 }
 
 void set_weights(rotavg::Online& online, const IndexArray& edges, const DoubleArray& weights) {
@@ -87,11 +89,7 @@ void bind_online(py::module_& m) {
       .def(py::init(&make_online), py::kw_only(), py::arg("tolerance"),
            py::arg("certificate_tolerance"), py::arg("loss"), py::arg("loss_scale"))
       .def("add", &add, py::arg("ends"), py::arg("rotations"), py::arg("weights"),
-           py::arg("trusted"))
-      .def("add_nodes",
-           [](Online& online, const IdArray& nodes) {
-             online.add_nodes({nodes.data(), nodes.data() + nodes.size()});
-           })
+           py::arg("trusted"), py::arg("nodes"))
       .def("remove",
            [](Online& online, const IndexArray& edges) {
              const auto numbers = to_indices(edges);

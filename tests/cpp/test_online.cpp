@@ -175,7 +175,7 @@ TEST_CASE("nodes without edges, and components that meet") {
   Random random;
   INFO(random.replay());
   Online online;
-  online.add_nodes({5, 3, 5});
+  online.add({}, {}, {5, 3, 5});
   CHECK(online.state().num_nodes == 2);
   CHECK(online.state().num_components == 2);
   CHECK(online.rotation(3) == Matrix3::Identity());

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
+from rotavg._core import OnlineState
 from rotavg.base.arrays import ReadOnly, as_floats, read_only
 from rotavg.base.errors import GraphError, OptionError, UnknownNodeError
 from rotavg.graph import conventions
@@ -128,17 +129,20 @@ class Online:
             matrices = np.ascontiguousarray(np.swapaxes(matrices, 1, 2))
         values = np.ones(m) if weights is None else as_floats(weights, (m,), "weights", copy=False)
         mask = self._trusted(ids, trusted)
-        declared = None if nodes is None else self._numbers(as_ids(nodes, "nodes").ravel())
-        ends = self._numbers(ids)
+        names_before = len(self._names)
         try:
-            # Everything is checked before anything is changed: also before `nodes` are added.
-            _check(ends, matrices, values)
-            if declared is not None:
-                self._core.add_nodes(declared)
-            numbers: NDArray[np.int32] = self._core.add(ends, matrices, values, mask)
-        except _core.InvalidEdge as error:
-            edge, reason = error.args
-            raise edge_error(ids, int(edge), reason) from None
+            declared = self._numbers(np.zeros(0) if nodes is None else as_ids(nodes, "nodes"))
+            numbers: NDArray[np.int32] = self._core.add(
+                self._numbers(ids), matrices, values, mask, declared.ravel()
+            )
+        except BaseException as error:
+            for name in self._names[names_before:]:
+                del self._number_of[name]
+            del self._names[names_before:]
+            if isinstance(error, _core.InvalidEdge):
+                edge, reason = error.args
+                raise edge_error(ids, int(edge), reason) from None
+            raise
         return numbers
 
     def remove(self, edges: ArrayLike) -> None:
@@ -162,6 +166,11 @@ class Online:
             function(numbers, *arguments)
         except _core.InvalidEdge as error:
             raise GraphError(str(error.args[1]), edge=int(error.args[0])) from None
+
+    @property
+    def state(self) -> OnlineState:
+        """Sizes, objective, gap and verdict, and what the last call did."""
+        return self._core.state
 
     @property
     def verdict(self) -> Verdict:
@@ -261,7 +270,9 @@ class Online:
     def _numbers(self, ids: IdArray) -> NDArray[np.int64]:
         """Ids as the core has them: as they are, or the numbers of names."""
         kind = "names" if ids.dtype.kind == "U" else "integers"
-        if ids.size and self.num_nodes and (kind == "names") != bool(self._names):
+        if ids.size == 0:
+            return np.zeros(ids.shape, dtype=np.int64)
+        if self.num_nodes and (kind == "names") != bool(self._names):
             raise GraphError(f"the ids are {kind}, unlike those of the nodes that are there")
         if kind == "integers":
             if ids.dtype.kind == "u":

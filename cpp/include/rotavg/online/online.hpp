@@ -60,14 +60,13 @@ class Online {
   /// Adds edges, with nodes where they are new. A weight of 0 keeps an edge unused.
   /// @param trusted of every edge, whether a robust loss leaves it alone; empty: none is. (An edge
   ///        that joins two components is not touched either, while nothing checks it.)
+  /// @param nodes ids that are to be there whether or not an edge has them, before those of the edges
   /// @returns the numbers of the edges: 0 for the first that was ever added, and so on
   /// @throws InvalidEdge for a measurement that check_measurement refuses
   /// @throws std::invalid_argument if `trusted` has another size
   std::vector<Index> add(const std::vector<RelativeRotation>& edges,
-                         const std::vector<bool>& trusted = {});
-
-  /// Adds nodes without edges; those that are there stay.
-  void add_nodes(const std::vector<NodeId>& nodes);
+                         const std::vector<bool>& trusted = {},
+                         const std::vector<NodeId>& nodes = {});
 
   /// Removes edges for good; nodes stay.
   /// @throws InvalidEdge for a number that is none of an edge, or stands twice

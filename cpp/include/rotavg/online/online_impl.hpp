@@ -52,7 +52,7 @@ class Online::Impl {
   }
 
   std::vector<Index> add(const std::vector<RelativeRotation>& edges,
-                         const std::vector<bool>& trusted) {
+                         const std::vector<bool>& trusted, const std::vector<NodeId>& nodes) {
     if (!trusted.empty() && trusted.size() != edges.size()) {
       throw std::invalid_argument("expected one value of `trusted` for each edge");
     }
@@ -66,10 +66,10 @@ class Online::Impl {
       e.trusted = !trusted.empty() && trusted[k];
       checked.push_back(e);
     }
+    for (const NodeId id : nodes) node_of(id);
     std::vector<Index> numbers;
     for (std::size_t k = 0; k < edges.size(); ++k) {
       OnlineEdge& e = checked[k];
-      // The end that is there first: a component grows from its ground.
       e.i = node_of(edges[k].i);
       e.j = node_of(edges[k].j);
       e.weight = e.given;
@@ -78,11 +78,6 @@ class Online::Impl {
     }
     follow(numbers);
     return numbers;
-  }
-
-  void add_nodes(const std::vector<NodeId>& nodes) {
-    for (const NodeId id : nodes) node_of(id);
-    follow({});
   }
 
   void remove(const std::vector<Index>& edges) {
@@ -462,10 +457,10 @@ ROTAVG_INLINE Online::Online(Online&&) noexcept = default;
 ROTAVG_INLINE Online& Online::operator=(Online&&) noexcept = default;
 
 ROTAVG_INLINE std::vector<Index> Online::add(const std::vector<RelativeRotation>& edges,
-                                             const std::vector<bool>& trusted) {
-  return impl_->add(edges, trusted);
+                                             const std::vector<bool>& trusted,
+                                             const std::vector<NodeId>& nodes) {
+  return impl_->add(edges, trusted, nodes);
 }
-ROTAVG_INLINE void Online::add_nodes(const std::vector<NodeId>& nodes) { impl_->add_nodes(nodes); }
 ROTAVG_INLINE void Online::remove(const std::vector<Index>& edges) { impl_->remove(edges); }
 ROTAVG_INLINE void Online::set_weights(const std::vector<Index>& edges,
                                        const std::vector<double>& weights) {
