@@ -99,10 +99,8 @@ void bind_online(py::module_& m) {
       .def_property_readonly("state", [](const Online& online) { return online.state(); })
       .def("nodes", [](const Online& online) { return from_vector(online.nodes()); })
       .def("rotations", [](const Online& online) { return from_rotations(online.rotations()); })
-      .def("rotation",
-           [](const Online& online, rotavg::NodeId node) {
-             return from_rotations({online.rotation(node)});
-           })
+      .def("rotation", [](const Online& online,
+                          rotavg::NodeId node) { return from_rotations({online.rotation(node)}); })
       .def("edge_weights", [](const Online& online) { return from_vector(online.edge_weights()); })
       .def("edges", &edges);
 }

@@ -90,9 +90,7 @@ class Online:
     def edge_weights(self) -> NDArray[np.float64]: ...
     def edges(
         self,
-    ) -> tuple[
-        NDArray[np.int32], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]
-    ]: ...
+    ) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]: ...
 
 class Priors:
     def __init__(

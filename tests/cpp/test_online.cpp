@@ -56,8 +56,11 @@ void check_against_solve(const Online& online, double relative = 1e-9) {
   CHECK(f <= best.objective * (1.0 + relative) + 4.0 * rounding);
   // What is proved is true.
   CHECK(f - state.gap <= best.objective + 1e-12 * f + rounding);
-  if (best.certificate.verdict == Verdict::proved && best.objective > 1e-12 * graph.total_weight()) {
-    INFO("relative gap ", state.relative_gap, " f ", state.objective, " of weight ", graph.total_weight(), " refreshed ", state.refreshed, " solved ", state.solved, " nodes ", state.num_nodes, " edges ", state.num_edges, " components ", state.num_components);
+  if (best.certificate.verdict == Verdict::proved &&
+      best.objective > 1e-12 * graph.total_weight()) {
+    INFO("relative gap ", state.relative_gap, " f ", state.objective, " of weight ",
+         graph.total_weight(), " refreshed ", state.refreshed, " solved ", state.solved, " nodes ",
+         state.num_nodes, " edges ", state.num_edges, " components ", state.num_components);
     CHECK(state.verdict == Verdict::proved);
   }
 }

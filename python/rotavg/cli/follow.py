@@ -13,6 +13,7 @@ from click.core import ParameterSource
 
 import rotavg
 from rotavg.cli.output import print_text
+from rotavg.io.g2o_stream import edge_lines
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -71,8 +72,6 @@ def follow_input(input_path: Path, settings: dict[str, Any], loss_scale: float |
 
 
 def _follow(online: rotavg.Online, path: Path, file: BinaryIO, unit_weights: bool) -> None:
-    from rotavg.io.g2o_stream import edge_lines
-
     for step, edge in enumerate(edge_lines(path, iter(file.readline, b""), unit_weights), start=1):
         began = time.perf_counter()
         try:
@@ -81,7 +80,6 @@ def _follow(online: rotavg.Online, path: Path, file: BinaryIO, unit_weights: boo
             raise rotavg.FormatError(str(error), path=path, line=edge.line) from None
         seconds = time.perf_counter() - began
         print_text(json.dumps(_state(online, step, edge.line, seconds)))
-        sys.stdout.flush()
 
 
 def _state(online: rotavg.Online, step: int, line: int, seconds: float) -> dict[str, Any]:

@@ -23,23 +23,24 @@ struct CliqueSolution {
   using Rows = Eigen::Matrix<double, 4, Eigen::Dynamic>;  ///< three columns as rows, and zeros
 
   Rows y;
-  Rows left_over;        ///< what these columns take from the rows below
-  double energy = 0.0;   ///< |y|_F^2 over the subtree: summed from the leaves up, it is known at the
-                         ///< roots without a pass over all, and without the rounding of updates
-  bool marked = false;   ///< to be computed anew
-  Index waiting = 0;     ///< marked children that are not done
+  Rows left_over;       ///< what these columns take from the rows below
+  double energy = 0.0;  ///< |y|_F^2 over the subtree: summed from the leaves up, it is known at the
+                        ///< roots without a pass over all, and without the rounding of updates
+  bool marked = false;  ///< to be computed anew
+  Index waiting = 0;    ///< marked children that are not done
 };
 
 /// Variables that are eliminated together: some columns of L, of 3 x 3 blocks, with the same rows.
 struct Clique {
-  std::vector<Index> columns, below;   ///< variables; the rows of L are those of both
-  std::vector<Index> in_parent;        ///< where `below` stands among the rows of the parent
+  std::vector<Index> columns, below;  ///< variables; the rows of L are those of both
+  std::vector<Index> in_parent;       ///< where `below` stands among the rows of the parent
   Index parent = -1;
   std::vector<Index> children;
-  std::vector<double> panel;           ///< the columns of L, column-major
-  std::vector<double> rest;            ///< the Schur complement, for the parent: a lower triangle
-  CliqueSolution solution[2];          ///< of every RightHandSide
-  double gradient = 0.0;               ///< the largest relative one in the subtree
+  std::vector<double> panel;      ///< the columns of L, column-major
+  std::vector<double> rest;       ///< the Schur complement, for the parent: a lower triangle
+  CliqueSolution solution[2];     ///< of every RightHandSide
+  double gradient = 0.0;          ///< the largest relative one in the subtree
+  Matrix3 off = Matrix3::Zero();  ///< how far the dual is off, summed over the subtree
   /// Of the rows below, for the bound on rounding (linalg/cholesky_rounding.hpp): nonzeros of L in
   /// the columns of this subtree, and the sums of the terms of these columns.
   std::vector<double> nonzeros, terms;
@@ -48,9 +49,7 @@ struct Clique {
 
   Index num_columns() const { return static_cast<Index>(columns.size()); }
   Index num_rows() const { return static_cast<Index>(columns.size() + below.size()); }
-  Index row(Index r) const {
-    return r < num_columns() ? columns[r] : below[r - num_columns()];
-  }
+  Index row(Index r) const { return r < num_columns() ? columns[r] : below[r - num_columns()]; }
 };
 
 /// x <- L^-1 x in the columns of a clique; its rows below lose what these take.

@@ -71,8 +71,8 @@ class CliqueOrdering {
       rows.clear();
       const auto add = [&](Index u) {
         const Index b = number[u];
-        if (b > static_cast<Index>(a) && std::exchange(last[b], static_cast<Index>(a)) !=
-                                             static_cast<Index>(a)) {
+        if (b > static_cast<Index>(a) &&
+            std::exchange(last[b], static_cast<Index>(a)) != static_cast<Index>(a)) {
           rows.push_back(b);
         }
       };

@@ -15,6 +15,7 @@
 #include <rotavg/online/clique.hpp>
 #include <rotavg/online/clique_order.hpp>
 #include <rotavg/parallel/interruption.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -33,10 +34,11 @@ namespace rotavg {
 ///
 /// @tparam System what is factorised, with
 ///         `degree(v)`, which no diagonal entry exceeds; `block_rounding(v)` and `mu(v)`, which are
-///         taken from the diagonal, too; `diagonal(v)`; `for_each_neighbour(v, f)`, which calls f(u);
-///         `for_each_entry(v, f)`, which calls f(u, block (v, u)), both perhaps several times for a
-///         u (the blocks add up); `right_hand_side(v, side)`, a 3 x 3 block; `right_hand_side_rounding(v)`,
-///         a bound on the norm of its error; `relative_gradient(v)`
+///         taken from the diagonal, too; `diagonal(v)`; `for_each_neighbour(v, f)`, which calls
+///         f(u); `for_each_entry(v, f)`, which calls f(u, block (v, u)), both perhaps several times
+///         for a u (the blocks add up); `right_hand_side(v, side)`, a 3 x 3 block;
+///         `right_hand_side_rounding(v)`, a bound on the norm of its error; `relative_gradient(v)`;
+///         `dual_is_off(v)`, a 3 x 3 block that is summed over subtrees
 template <typename System>
 class CliqueTree {
  public:
@@ -74,6 +76,12 @@ class CliqueTree {
     if (!is_pending_[variable]) return;
     is_pending_[variable] = false;
     pending_.erase(std::find(pending_.begin(), pending_.end(), variable));
+  }
+
+  /// Calls f(subtree, variables that it hangs from) for every subtree that waits for these.
+  template <typename Function>
+  void for_each_orphan(Function&& f) const {
+    for (const Index c : orphans_) f(cliques_[c], cliques_[c].below);
   }
 
   /// Eliminates what waits.
@@ -360,6 +368,7 @@ class CliqueTree {
     CliqueSolution& solution = clique.solution[side];
     x_.setZero(4, 3 * clique.num_rows());
     clique.gradient = 0.0;
+    clique.off.setZero();
     solution.energy = 0.0;
     for (Index k = 0; k < columns; ++k) {
       const Index v = clique.columns[k];
@@ -368,6 +377,7 @@ class CliqueTree {
         for (int c = 0; c < 3; ++c) x_(c, 3 * k + r) = K(r, c);
       }
       clique.gradient = std::max(clique.gradient, system_.relative_gradient(v));
+      add(clique.off, system_.dual_is_off(v));
     }
     for (const Index c : clique.children) {
       const Clique& child = cliques_[c];
@@ -378,6 +388,7 @@ class CliqueTree {
       }
       solution.energy += of_child.energy;
       clique.gradient = std::max(clique.gradient, child.gradient);
+      add(clique.off, child.off);
     }
     rotavg::solve_lower(clique, x_);
     solution.y = x_.leftCols(pivots);
@@ -388,7 +399,7 @@ class CliqueTree {
   const System& system_;
   std::vector<Clique> cliques_;
   std::vector<Index> free_, roots_, orphans_, pending_;
-  std::vector<Index> marked_[2];  // of every RightHandSide
+  std::vector<Index> marked_[2];          // of every RightHandSide
   std::vector<Index> clique_of_, local_;  // of every variable
   std::vector<bool> is_pending_;
   std::vector<Block> z_;

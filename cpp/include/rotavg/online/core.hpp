@@ -149,6 +149,14 @@ class Core {
   double right_hand_side_rounding(Index i) const {
     return unit_roundoff * (4.0 * nodes_[i].num_edges + 500.0) * nodes_[i].degree;
   }
+  /// R_i (less_i - dual_i) R_i^T.
+  Matrix3 dual_is_off(Index i) const {
+    const OnlineNode& node = nodes_[i];
+    Matrix3 off;
+    for (int k = 0; k < 9; ++k) off(k) = node.less(k) - node.dual(k);
+    const Matrix3 R = node.q.toRotationMatrix();
+    return product_transposed(product(R, off), R);
+  }
   /// GradientNorm::relative.
   double relative_gradient(Index i) const {
     return 4.0 * std::sqrt(dot(nodes_[i].turn, nodes_[i].turn)) / nodes_[i].degree;

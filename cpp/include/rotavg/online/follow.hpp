@@ -37,11 +37,10 @@ class Follower {
   std::vector<Index> turned;  ///< nodes that moved since this was cleared, perhaps several times
   double relative_gradient = 0.0;
 
-  /// The sums at the nodes that were touched, and the factor. The dual of what is eliminated anew
-  /// moves to the rotations, but not by the residuals of edges that are new: they will relax. Where
-  /// the matrix is not positive then, the dual is what is certainly good: less where edges came.
+  /// The sums at the nodes that were touched, and the factor. Of the residuals of new edges the
+  /// dual takes only what will be left of them, as far as that can be foreseen.
   void take_in() {
-    std::vector<Index> touched, last;
+    std::vector<Index> touched;
     for (const Index i : tended_.touched) {
       if (core_.node(i).kind != NodeKind::core) continue;
       tended_.update_node(i);
@@ -49,28 +48,42 @@ class Follower {
     }
     tended_.clear_touched();
     tree_.detach(touched);
+    move_dual();
+    fresh_.clear();
+    for (const Index k : tended_.fresh) {
+      const OnlineEdge& e = tended_.graph().edge(k);
+      if (!e.in_core || !(e.weight > 0.0)) continue;
+      fresh_.emplace_back(k, e.cost);
+      for (const Index i : {e.i, e.j}) {
+        if (core_.node(i).kind != NodeKind::core) continue;
+        const Vector3 v = vector_part(i == e.i ? e.at_i : e.at_j);
+        const double relaxed = 2.0 * (1.0 - left_over_);
+        Matrix3& dual = core_.node(i).dual;
+        add(dual, outer_product(relaxed * v, v));
+        add_to_diagonal(dual, -relaxed * dot(v, v));
+      }
+    }
+    tended_.fresh.clear();
     eliminate(touched);
   }
 
-  /// Moves the dual of these nodes, and of all on the way to the roots, to the rotations.
-  /// What the dual of the others of the component is off by, in sum, goes to the first of these
-  /// nodes: the gap that is left is that of differences that cancel.
-  void refresh(const std::vector<Index>& nodes, const std::vector<Index>& component) {
-    ++counts.refreshed;
-    tree_.detach(nodes);
-    for (const Index i : tree_.pending()) core_.node(i).dual = core_.node(i).less;
-    Matrix3 sum = Matrix3::Zero();
-    for (const Index i : component) {
-      const OnlineNode& node = core_.node(i);
-      if (node.kind != NodeKind::core) continue;
-      Matrix3 off = node.less;
-      off -= node.dual;
-      const Matrix3 R = node.q.toRotationMatrix();
-      add(sum, product_transposed(product(R, off), R));
+  /// Learns what relaxation leaves of the cost of a new edge.
+  void look_back() {
+    double before = 0.0, after = 0.0;
+    for (const auto& [k, cost] : fresh_) {
+      before += cost;
+      after += tended_.graph().edge(k).cost;
     }
-    OnlineNode& first = core_.node(nodes.front());
-    const Matrix3 R = first.q.toRotationMatrix();
-    add(first.dual, symmetric_part(transposed_product(R, product(sum, R))));
+    fresh_.clear();
+    if (before > 0.0) left_over_ = 0.5 * (left_over_ + std::min(after / before, 1.0));
+  }
+
+  /// Moves the dual of these nodes, and of all on the way to the roots, to the rotations.
+  void refresh(const std::vector<Index>& nodes) {
+    ++counts.refreshed;
+    tree_.solve_lower(for_bound);
+    tree_.detach(nodes);
+    move_dual();
     eliminate({nodes.front()});
   }
 
@@ -78,8 +91,8 @@ class Follower {
   ///
   /// Z = S_r^-1 K, and X = N - Z solves S X = 0 with X = N at the ground: the rotations nearest to
   /// the X_i^T are the next ones. With S near that of the rotations this is Newton's step to second
-  /// order in the residuals; with the dual at zero it is the chordal relaxation. K is of the gradient
-  /// alone: where that is zero, nothing is to move, wherever the dual is.
+  /// order in the residuals; with the dual at zero it is the chordal relaxation. K is of the
+  /// gradient alone: where that is zero, nothing is to move, wherever the dual is.
   /// @param gradient what is small leaves alone nodes with relative gradients up to this, at first
   /// @returns false where the objective would not fall any further
   template <typename IsNear>
@@ -107,6 +120,22 @@ class Follower {
   }
 
  private:
+  /// The dual of what is eliminated anew follows the rotations. How far it is off below, in sum, is
+  /// made up for at the nodes that the subtree hangs from: what differences do that cancel does not
+  /// reach far.
+  void move_dual() {
+    for (const Index i : tree_.pending()) core_.node(i).dual = core_.node(i).less;
+    tree_.for_each_orphan([&](const Clique& subtree, const std::vector<Index>& above) {
+      const double share = 1.0 / static_cast<double>(above.size());
+      for (const Index i : above) {
+        const Matrix3 R = core_.node(i).q.toRotationMatrix();
+        Matrix3 off = symmetric_part(transposed_product(R, product(subtree.off, R)));
+        off *= share;
+        add(core_.node(i).dual, off);
+      }
+    });
+  }
+
   void eliminate(const std::vector<Index>& last) {
     counts.eliminated += static_cast<Index>(tree_.pending().size());
     if (tree_.eliminate(last)) return;
@@ -202,6 +231,8 @@ class Follower {
   std::vector<std::pair<Index, Matrix3>> moved_;
   std::vector<Quaternion> old_;
   std::vector<Index> edges_, nodes_;
+  std::vector<std::pair<Index, double>> fresh_;  // new edges, and what they cost at first
+  double left_over_ = 0.0;                       // of such costs, after relaxation
   std::vector<Index> edge_seen_, node_seen_;
   Index stamp_ = 0;
 };

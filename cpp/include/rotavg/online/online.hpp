@@ -26,18 +26,18 @@ struct OnlineOptions {
 /// How things stand after a step.
 struct OnlineState {
   Verdict verdict = Verdict::proved;
-  double objective = 0.0;     ///< f(R), with the weights in use
-  double gap = 0.0;           ///< f(R) - f* <= gap
-  double relative_gap = 0.0;  ///< the worst of the components
+  double objective = 0.0;          ///< f(R), with the weights in use
+  double gap = 0.0;                ///< f(R) - f* <= gap
+  double relative_gap = 0.0;       ///< the worst of the components
   double relative_gradient = 0.0;  ///< the largest; hanging edges have none
   Index num_nodes = 0, num_edges = 0, num_components = 0;
   Index num_outliers = 0;  ///< edges that the loss leaves less than half their weight
   // Of the last step:
-  int iterations = 0;       ///< Newton steps
-  Index eliminated = 0;     ///< nodes whose columns of the factor were made anew
-  Index moved = 0;          ///< nodes that were turned, counted once an iteration
-  int refreshed = 0;        ///< times that the dual was moved to the rotations
-  int solved = 0;           ///< times that solve() was called
+  int iterations = 0;    ///< Newton steps
+  Index eliminated = 0;  ///< nodes whose columns of the factor were made anew
+  Index moved = 0;       ///< nodes that were turned, counted once an iteration
+  int refreshed = 0;     ///< times that the dual was moved to the rotations
+  int solved = 0;        ///< times that solve() was called
 };
 
 /// Rotation averaging while data come in: edges and nodes are added, removed and reweighted, and
@@ -60,7 +60,8 @@ class Online {
   /// Adds edges, with nodes where they are new. A weight of 0 keeps an edge unused.
   /// @param trusted of every edge, whether a robust loss leaves it alone; empty: none is. (An edge
   ///        that joins two components is not touched either, while nothing checks it.)
-  /// @param nodes ids that are to be there whether or not an edge has them, before those of the edges
+  /// @param nodes ids that are to be there whether or not an edge has them, before those of the
+  /// edges
   /// @returns the numbers of the edges: 0 for the first that was ever added, and so on
   /// @throws InvalidEdge for a measurement that check_measurement refuses
   /// @throws std::invalid_argument if `trusted` has another size
@@ -82,8 +83,8 @@ class Online {
   const std::vector<NodeId>& nodes() const;
   /// world_from_i of all nodes, the identity at the first node of every component.
   Rotations rotations() const;
-  /// world_from_i of one node, in the gauge in which only what moves changes: the identity at a node
-  /// of every component, not always its first.
+  /// world_from_i of one node, in the gauge in which only what moves changes: the identity at a
+  /// node of every component, not always its first.
   /// @throws std::invalid_argument for an id that is not there
   Matrix3 rotation(NodeId node) const;
   /// (of all edges ever added) the weights in use, with what a robust loss leaves of them; 0 of

@@ -23,8 +23,8 @@ namespace rotavg {
 
 /// The bound. Let S = Lambda - Rt with *any* symmetric Lambda, S_r > 0 the part without the ground,
 /// K = S N at the rotations R of now, and M = N^T S N = sum_i R_i (Lambda_i - Lambda_i(R)) R_i^T.
-/// Split x = N c + z, with z zero at the ground: x^T S x >= c^T (M - Q) c with Q = K^T S_r^-1 K, so S
-/// with Q - M added at the ground is positive semidefinite, and by duality
+/// Split x = N c + z, with z zero at the ground: x^T S x >= c^T (M - Q) c with Q = K^T S_r^-1 K, so
+/// S with Q - M added at the ground is positive semidefinite, and by duality
 ///
 ///     f* >= 6 sum w - tr Lambda - tr(Q - M),     f(R) - f* <= tr Q = |L^-1 K|_F^2,
 ///
@@ -242,6 +242,7 @@ class Online::Impl {
     if (!tended_.touched.empty()) {
       follower_.take_in();
       converge();
+      follower_.look_back();
     }
     for (std::size_t c = 0; c < tended_.components.size(); ++c) {
       OnlineComponent& component = tended_.components[c];
@@ -317,7 +318,7 @@ class Online::Impl {
       if (is_proved(component)) return;
       const std::vector<Index> nodes = stale_nodes(component, part);
       if (nodes.empty()) break;
-      follower_.refresh(nodes, component.nodes);
+      follower_.refresh(nodes);
       converge_again(component);
       take_bound(component);
     }
@@ -349,6 +350,7 @@ class Online::Impl {
       allowed -= share;
       if (allowed < 0.0) nodes.push_back(i);
     }
+    if (nodes.empty() && !shares.empty()) nodes.push_back(shares.back().second);
     std::reverse(nodes.begin(), nodes.end());  // the one that is furthest off first
     return nodes;
   }
@@ -408,16 +410,17 @@ class Online::Impl {
         core_nodes.push_back(i);
       }
       tended_.sum_objective(component);
-      follower_.refresh(core_nodes, component.nodes);
+      follower_.refresh(core_nodes);
       converge_again(component);
     }
     if (proved) {
       component.lower_bound =
-          std::max(component.lower_bound, solution.objective - solution.certificate.gap -
-                                              rounding(component));
+          std::max(component.lower_bound,
+                   solution.objective - solution.certificate.gap - rounding(component));
     }
     take_bound(component);
-    component.no_solve_below = is_proved(component) ? 0 : component.num_edges + 10 + component.num_edges / 10;
+    component.no_solve_below =
+        is_proved(component) ? 0 : component.num_edges + 10 + component.num_edges / 10;
   }
 
   void count() {

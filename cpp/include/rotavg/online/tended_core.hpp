@@ -25,7 +25,7 @@ struct OnlineComponent {
   double weight = 0.0;       ///< of all edges in use
   double lower_bound = 0.0;  ///< f* is not below it
   double gap = 0.0;
-  double to_gain = 0.0;      ///< what further steps would gain, about
+  double to_gain = 0.0;  ///< what further steps would gain, about
   bool is_touched = false;
   Index no_solve_below = 0;  ///< edges: where solve() did not prove it, it is not asked again soon
   Index num_edges = 0;
@@ -40,6 +40,7 @@ class TendedCore {
   CliqueTree<Core> tree{core};
   std::vector<OnlineComponent> components;
   std::vector<Index> touched;  ///< nodes of the core
+  std::vector<Index> fresh;    ///< edges that have come to the core
   Index num_components = 0;
 
   const GrowingGraph& graph() const { return core.graph(); }
@@ -182,10 +183,10 @@ class TendedCore {
     e.in_core = true;
     e.cost = 0.0;
     update_edge(k);
-    touch_unless_ground(e.i);
-    touch_unless_ground(e.j);
+    fresh.push_back(k);
+    touch(e.i);
+    touch(e.j);
   }
-  void touch_unless_ground(Index i) { touch(i); }
 
   /// A node, and those between it and the core, become core.
   void enter_core(Index i) {
