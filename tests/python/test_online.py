@@ -123,7 +123,7 @@ def test_bad_input_changes_nothing() -> None:
         ({"edges": [(1, 9)], "rotations": [one], "convention": "other"}, "other"),
     ):
         with pytest.raises(rotavg.Error, match=message):
-            online.add(**arguments)  # type: ignore[arg-type]
+            online.add(**arguments)
         assert repr(online) == before
     for edges in ([5], [-1], [numbers[0], numbers[0]], [0.5]):
         with pytest.raises(rotavg.GraphError):

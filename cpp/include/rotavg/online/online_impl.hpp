@@ -36,7 +36,7 @@ namespace rotavg {
 ///
 ///     tr Q <= ( (1 + sqrt(sum gamma)) |y|_F + sqrt(sum |dK_a|^2 / mu_a) )^2,
 ///
-/// as |(dL y)_a|^2 <= gamma_a^2 deg_a |y|^2 and mu_a + D_a >= gamma_a deg_a.
+/// as |(dL y)_a|^2 <= gamma_a^2 deg_a |y|^2 and gamma_a deg_a <= mu_a.
 class Online::Impl {
  public:
   explicit Impl(const OnlineOptions& options) : options_(options) {

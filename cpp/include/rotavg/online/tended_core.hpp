@@ -162,18 +162,24 @@ class TendedCore {
   }
 
   Index start_component(std::vector<Index> nodes, Index ground) {
-    const auto c = static_cast<Index>(components.size());
+    if (free_.empty()) {
+      free_.push_back(static_cast<Index>(components.size()));
+      components.emplace_back();
+    }
+    const Index c = free_.back();
+    free_.pop_back();
     for (const Index i : nodes) core.node(i).component = c;
     OnlineComponent component;
     component.ground = ground;
     component.nodes = std::move(nodes);
-    components.push_back(std::move(component));
+    components[c] = std::move(component);
     ++num_components;
     return c;
   }
 
   void end_component(Index c) {
     components[c] = OnlineComponent();
+    free_.push_back(c);
     --num_components;
   }
 
@@ -377,6 +383,7 @@ class TendedCore {
     }
   }
 
+  std::vector<Index> free_;  // components that are no more
   std::vector<bool> marked_;
 };
 
