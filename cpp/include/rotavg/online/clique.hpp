@@ -53,6 +53,7 @@ struct Clique {
 };
 
 /// x <- L^-1 x in the columns of a clique; its rows below lose what these take.
+/// @param x room for its rows, perhaps more
 inline void solve_lower(const Clique& clique, CliqueSolution::Rows& x) {
   const Index pivots = 3 * clique.num_columns(), rows = 3 * clique.num_rows();
   const double* l = clique.panel.data();
@@ -70,6 +71,7 @@ inline void solve_lower(const Clique& clique, CliqueSolution::Rows& x) {
 }
 
 /// x <- L^-T x in the columns of a clique, where the rows below are solved.
+/// @param x room for its rows, perhaps more
 inline void solve_upper(const Clique& clique, CliqueSolution::Rows& x) {
   const Index pivots = 3 * clique.num_columns(), rows = 3 * clique.num_rows();
   using Row = Eigen::Vector4d;

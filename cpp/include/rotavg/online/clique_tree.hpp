@@ -78,6 +78,35 @@ class CliqueTree {
     pending_.erase(std::find(pending_.begin(), pending_.end(), variable));
   }
 
+  /// A variable of each of the cliques that have most of |y|^2 for the bound: what the others have
+  /// is no more than `rest`. The heaviest first.
+  /// @param root a clique
+  std::vector<Index> heaviest(const Clique& root, double rest) const {
+    constexpr double hardly_any = 1e-3;  // of the rest, in a subtree
+    std::vector<std::pair<double, Index>> shares;
+    std::vector<const Clique*> stack{&root};
+    while (!stack.empty()) {
+      const Clique& clique = *stack.back();
+      stack.pop_back();
+      double own = clique.solution[for_bound].energy;
+      for (const Index c : clique.children) {
+        const Clique& child = cliques_[c];
+        own -= child.solution[for_bound].energy;
+        if (child.solution[for_bound].energy > hardly_any * rest) stack.push_back(&child);
+      }
+      shares.emplace_back(own, clique.columns.front());
+    }
+    std::sort(shares.rbegin(), shares.rend());
+    double left = root.solution[for_bound].energy;
+    std::vector<Index> variables;
+    for (const auto& [own, v] : shares) {
+      if (left <= rest) break;
+      left -= own;
+      variables.push_back(v);
+    }
+    return variables;
+  }
+
   /// Calls f(subtree, variables that it hangs from) for every subtree that waits for these.
   template <typename Function>
   void for_each_orphan(Function&& f) const {
@@ -167,7 +196,7 @@ class CliqueTree {
         continue;
       }
       const Index pivots = 3 * clique.num_columns();
-      x_.resize(4, 3 * clique.num_rows());
+      make_room(clique);
       x_.leftCols(pivots) = clique.solution[for_step].y;
       for (std::size_t r = 0; r < clique.below.size(); ++r) {
         x_.template middleCols<3>(pivots + 3 * r) = z_[clique.below[r]];
@@ -355,6 +384,11 @@ class CliqueTree {
     }
   }
 
+  void make_room(const Clique& clique) {
+    const Eigen::Index columns = 3 * clique.num_rows();
+    if (x_.cols() < columns) x_.resize(4, 2 * columns);
+  }
+
   void mark(Index c, RightHandSide side) {
     while (c >= 0 && !std::exchange(cliques_[c].solution[side].marked, true)) {
       marked_[side].push_back(c);
@@ -366,9 +400,11 @@ class CliqueTree {
   void solve_lower(Clique& clique, RightHandSide side) {
     const Index columns = clique.num_columns(), pivots = 3 * columns;
     CliqueSolution& solution = clique.solution[side];
-    x_.setZero(4, 3 * clique.num_rows());
+    const Index rows = 3 * clique.num_rows();
+    make_room(clique);
+    x_.leftCols(rows).setZero();
     clique.gradient = 0.0;
-    clique.off.setZero();
+    if (side == for_bound) clique.off.setZero();
     solution.energy = 0.0;
     for (Index k = 0; k < columns; ++k) {
       const Index v = clique.columns[k];
@@ -377,7 +413,7 @@ class CliqueTree {
         for (int c = 0; c < 3; ++c) x_(c, 3 * k + r) = K(r, c);
       }
       clique.gradient = std::max(clique.gradient, system_.relative_gradient(v));
-      add(clique.off, system_.dual_is_off(v));
+      if (side == for_bound) add(clique.off, system_.dual_is_off(v));
     }
     for (const Index c : clique.children) {
       const Clique& child = cliques_[c];
@@ -388,11 +424,11 @@ class CliqueTree {
       }
       solution.energy += of_child.energy;
       clique.gradient = std::max(clique.gradient, child.gradient);
-      add(clique.off, child.off);
+      if (side == for_bound) add(clique.off, child.off);
     }
     rotavg::solve_lower(clique, x_);
     solution.y = x_.leftCols(pivots);
-    solution.left_over = x_.rightCols(x_.cols() - pivots);
+    solution.left_over = x_.middleCols(pivots, rows - pivots);
     solution.energy += solution.y.squaredNorm();
   }
 

@@ -314,10 +314,11 @@ class Online::Impl {
 
   void certify(OnlineComponent& component) {
     take_bound(component);
-    for (const double part : {0.1, 0.0}) {
-      if (is_proved(component)) return;
-      const std::vector<Index> nodes = stale_nodes(component, part);
-      if (nodes.empty()) break;
+    constexpr int most = 4;
+    for (int k = 0; k < most && !is_proved(component); ++k) {
+      const std::vector<Index> nodes =
+          k + 1 < most ? heavy_nodes(component) : stale_nodes(component);
+      if (nodes.empty()) continue;
       follower_.refresh(nodes);
       converge_again(component);
       take_bound(component);
@@ -332,26 +333,26 @@ class Online::Impl {
     component.is_touched = false;
   }
 
-  /// The nodes whose dual has to follow the rotations, if what the others add to the gap is to stay
-  /// below a part of the tolerance.
-  std::vector<Index> stale_nodes(const OnlineComponent& component, double part) const {
-    std::vector<std::pair<double, Index>> shares;
+  /// Nodes whose dual has to follow the rotations, if the gap is to fall well below the tolerance.
+  std::vector<Index> heavy_nodes(const OnlineComponent& component) const {
+    constexpr double part = 0.1;
+    const double rest = part * options_.certificate_tolerance * component.objective;
+    std::vector<Index> nodes;
+    tended_.tree.for_each_root([&](Index i, const Clique& clique) {
+      if (&tended_.components[tended_.core.node(i).component] != &component) return;
+      const std::vector<Index> heavy = tended_.tree.heaviest(clique, rest);
+      nodes.insert(nodes.end(), heavy.begin(), heavy.end());
+    });
+    return nodes;
+  }
+
+  /// All nodes whose dual is not that of the rotations.
+  std::vector<Index> stale_nodes(const OnlineComponent& component) const {
+    std::vector<Index> nodes;
     for (const Index i : component.nodes) {
       const OnlineNode& node = tended_.core.node(i);
-      if (node.kind != NodeKind::core) continue;
-      double square = 0.0;
-      for (int k = 0; k < 9; ++k) square += std::pow(node.less(k) - node.dual(k), 2);
-      if (square > 0.0) shares.emplace_back(square / node.degree, i);
+      if (node.kind == NodeKind::core && node.less != node.dual) nodes.push_back(i);
     }
-    std::sort(shares.begin(), shares.end());
-    double allowed = part * options_.certificate_tolerance * component.objective;
-    std::vector<Index> nodes;
-    for (const auto& [share, i] : shares) {
-      allowed -= share;
-      if (allowed < 0.0) nodes.push_back(i);
-    }
-    if (nodes.empty() && !shares.empty()) nodes.push_back(shares.back().second);
-    std::reverse(nodes.begin(), nodes.end());  // the one that is furthest off first
     return nodes;
   }
 
