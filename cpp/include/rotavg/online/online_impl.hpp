@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include <rotavg/certify/certificate.hpp>
 #include <rotavg/certify/component_certificate.hpp>
 #include <rotavg/online/follow.hpp>
 #include <rotavg/online/online.hpp>
@@ -251,26 +252,41 @@ class Online::Impl {
     }
   }
 
-  /// What further steps would gain is |y|^2 of the gradient alone.
+  /// What one more step would gain is |y|^2 of the gradient alone, and what all would, where gains
+  /// fall by a factor of rho, about |y|^2 / (1 - sqrt(rho)). Slow directions show in the gradient
+  /// when that is small.
   void converge() {
     double noise = 1.0;
-    for (const OnlineComponent& component : tended_.components) {
+    for (OnlineComponent& component : tended_.components) {
+      component.gained = component.to_gain = 0.0;
       if (!component.is_touched || !(component.objective > 0.0)) continue;
       noise = std::min(noise, std::sqrt(component.objective / component.weight));
     }
-    constexpr double negligible = 1e-4;  // of the residuals
-    follower_.converge(negligible * noise, [&] {
-      for (OnlineComponent& component : tended_.components) component.to_gain = 0.0;
+    // Of the residuals. Where these are large the Hessian can be much softer than S.
+    constexpr double negligible = 1e-4, strict = 1e-8, large_noise = 0.1;
+    const double gradient = std::max((noise < large_noise ? negligible : strict) * noise, 1e-13);
+    const bool converged = follower_.converge(negligible * noise, [&] {
+      for (OnlineComponent& component : tended_.components) {
+        component.gained = std::exchange(component.to_gain, 0.0);
+      }
       tended_.tree.for_each_root([&](Index i, const Clique& clique) {
         tended_.component_of(i).to_gain += clique.solution[for_step].energy;
       });
-      return std::all_of(tended_.components.begin(), tended_.components.end(),
-                         [&](const OnlineComponent& component) {
-                           return !component.is_touched ||
-                                  component.to_gain <= options_.tolerance * component.objective +
-                                                           rounding(component);
-                         });
+      return follower_.relative_gradient <= gradient &&
+             std::all_of(tended_.components.begin(), tended_.components.end(),
+                         [&](const OnlineComponent& component) { return is_near(component); });
     });
+    for (OnlineComponent& component : tended_.components) {
+      if (!component.is_touched) continue;
+      component.has_converged = converged || follower_.relative_gradient <= gradient;
+    }
+  }
+
+  bool is_near(const OnlineComponent& component) const {
+    if (!component.is_touched) return true;
+    const double rho = component.gained > 0.0 ? component.to_gain / component.gained : 0.0;
+    const double enough = options_.tolerance * component.objective + rounding(component);
+    return component.to_gain <= enough * (1.0 - std::sqrt(std::min(rho, 1.0)));
   }
 
   /// f(R) - f* by the factor.
@@ -323,7 +339,8 @@ class Online::Impl {
       converge_again(component);
       take_bound(component);
     }
-    if (is_proved(component) || component.num_edges < component.no_solve_below) return;
+    const bool is_done = is_proved(component) && component.has_converged;
+    if (is_done || component.num_edges < component.no_solve_below) return;
     solve_component(component);
   }
 

@@ -25,7 +25,9 @@ struct OnlineComponent {
   double weight = 0.0;       ///< of all edges in use
   double lower_bound = 0.0;  ///< f* is not below it
   double gap = 0.0;
-  double to_gain = 0.0;  ///< what further steps would gain, about
+  double to_gain = 0.0;  ///< what one more step would gain, about
+  double gained = 0.0;   ///< the same one step earlier; 0 before there was one
+  bool has_converged = true;
   bool is_touched = false;
   Index no_solve_below = 0;  ///< edges: where solve() did not prove it, it is not asked again soon
   Index num_edges = 0;
