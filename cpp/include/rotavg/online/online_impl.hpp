@@ -398,7 +398,11 @@ class Online::Impl {
     options.iteration.num_threads = 1;
     const MeasurementGraph part(
         measurements.size(), [&](std::size_t k) { return measurements[k]; }, rows);
-    const Solution solution = rotavg::solve(part, options, start);
+    Solution solution = rotavg::solve(part, options, start);
+    if (solution.certificate.verdict != Verdict::proved) {  // perhaps a local optimum
+      Solution other = rotavg::solve(part, options);
+      if (other.objective < solution.objective) solution = std::move(other);
+    }
     const double gain = component.objective - solution.objective;
     const bool proved = solution.certificate.verdict == Verdict::proved;
     if (gain > 0.0 || proved) {
@@ -429,7 +433,8 @@ class Online::Impl {
       }
       tended_.sum_objective(component);
       follower_.refresh(core_nodes);
-      converge_again(component);
+      if (!proved) converge_again(component);
+      component.has_converged = true;
     }
     if (proved) {
       component.lower_bound =
@@ -437,8 +442,17 @@ class Online::Impl {
                    solution.objective - solution.certificate.gap - rounding(component));
     }
     take_bound(component);
-    component.no_solve_below =
-        is_proved(component) ? 0 : component.num_edges + 10 + component.num_edges / 10;
+    if (proved && !is_proved(component)) {  // too little noise for the factor of the tree
+      Rotations R;
+      for (const Index i : nodes) R.push_back(rotation(i));
+      const Certificate certificate = rotavg::certify(part, R, options.certificate);
+      if (certificate.verdict == Verdict::proved) {
+        component.gap = std::min(component.gap, certificate.gap);
+      }
+    }
+    constexpr Index few = 1000;  // edges: solve() takes no time
+    const bool ask_soon = is_proved(component) || component.num_edges < few;
+    component.no_solve_below = ask_soon ? 0 : component.num_edges + component.num_edges / 10;
   }
 
   void count() {
