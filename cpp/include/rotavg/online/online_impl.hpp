@@ -264,7 +264,7 @@ class Online::Impl {
     }
     // Of the residuals. Where these are large the Hessian can be much softer than S.
     constexpr double negligible = 1e-4, strict = 1e-8, large_noise = 0.1;
-    const double gradient = std::max((noise < large_noise ? negligible : strict) * noise, 1e-13);
+    const double gradient = noise < large_noise ? 1.0 : std::max(strict * noise, 1e-13);
     const bool converged = follower_.converge(negligible * noise, [&] {
       for (OnlineComponent& component : tended_.components) {
         component.gained = std::exchange(component.to_gain, 0.0);
