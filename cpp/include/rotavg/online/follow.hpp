@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <unordered_set>
 #include <utility>
 #include <vector>
 

@@ -106,6 +106,27 @@ class GrowingGraph {
   std::vector<std::vector<End>> ends_;
 };
 
+/// The nodes that are reached from one of two ends and not from the other, without one edge; empty
+/// where there is another way between them. Both ends are searched from in turn, so it takes as
+/// long as the smaller side.
+inline std::vector<Index> smaller_side(const GrowingGraph& graph, Index i, Index j,
+                                       Index without = -1) {
+  std::vector<Index> side[2] = {{i}, {j}};
+  std::size_t next[2] = {0, 0};
+  std::unordered_map<Index, int> side_of{{i, 0}, {j, 1}};
+  for (int s = 0;; s = 1 - s) {
+    if (next[s] == side[s].size()) return side[s];
+    bool meets = false;
+    graph.for_each_used(side[s][next[s]++], [&](Index l, Index edge) {
+      if (edge == without) return;
+      const auto [found, is_new] = side_of.emplace(l, s);
+      if (is_new) side[s].push_back(l);
+      meets |= found->second != s;
+    });
+    if (meets) return {};
+  }
+}
+
 }  // namespace rotavg
 
 #pragma GCC diagnostic pop

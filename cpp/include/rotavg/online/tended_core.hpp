@@ -5,8 +5,8 @@
 #include <utility>
 #include <vector>
 
-#include <rotavg/certify/component_certificate.hpp>
 #include <rotavg/online/clique_tree.hpp>
+#include <rotavg/online/component.hpp>
 #include <rotavg/online/core.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
@@ -15,23 +15,6 @@
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
 
 namespace rotavg {
-
-/// A connected component of a graph that grows.
-struct OnlineComponent {
-  Index ground = -1;         ///< the node that is held; -1 where the component is no more
-  std::vector<Index> nodes;  ///< as they came
-  double objective = 0.0;    ///< of the edges of the core: the others are met
-  double drift = 0.0;        ///< what rounding can have made of the sum
-  double weight = 0.0;       ///< of all edges in use
-  double lower_bound = 0.0;  ///< f* is not below it
-  double gap = 0.0;
-  double to_gain = 0.0;  ///< what one more step would gain, about
-  double gained = 0.0;   ///< the same one step earlier; 0 before there was one
-  bool has_converged = true;
-  bool is_touched = false;
-  Index no_solve_below = 0;  ///< edges: where solve() did not prove it, it is not asked again soon
-  Index num_edges = 0;
-};
 
 /// The structure of a graph that grows: components, their grounds, what hangs and what is core. It
 /// keeps the sums of the core and the cliques' tree told of what changes, and takes note of the
@@ -100,7 +83,7 @@ class TendedCore {
 
   /// Whether an edge of the core is the only way between its ends.
   bool is_bridge(Index k) const {
-    return !side_without(graph().edge(k).i, graph().edge(k).j, k).empty();
+    return !smaller_side(graph(), graph().edge(k).i, graph().edge(k).j, k).empty();
   }
 
   void set_weight(Index k, double weight) {
@@ -305,30 +288,9 @@ class TendedCore {
     hang_anew(j);
   }
 
-  /// The nodes that are reached from one of two ends and not from the other, without edge k; empty
-  /// where there is another way between them. Both ends are searched from in turn, so it takes as
-  /// long as the smaller side.
-  std::vector<Index> side_without(Index i, Index j, Index k) const {
-    std::vector<Index> side[2] = {{i}, {j}};
-    std::vector<std::pair<Index, int>> seen;
-    std::size_t next[2] = {0, 0};
-    std::unordered_map<Index, int> side_of{{i, 0}, {j, 1}};
-    for (int s = 0;; s = 1 - s) {
-      if (next[s] == side[s].size()) return side[s];
-      bool meets = false;
-      graph().for_each_used(side[s][next[s]++], [&](Index l, Index edge) {
-        if (edge == k) return;
-        const auto [found, is_new] = side_of.emplace(l, s);
-        if (is_new) side[s].push_back(l);
-        meets |= found->second != s;
-      });
-      if (meets) return {};
-    }
-  }
-
   /// After an edge of the core between i and j has gone.
   void split(Index i, Index j) {
-    std::vector<Index> side = side_without(i, j, -1);
+    std::vector<Index> side = smaller_side(graph(), i, j);
     if (side.empty()) return;
     const Index c = core.node(i).component;
     const Index ground = components[c].ground;
