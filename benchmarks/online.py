@@ -5,9 +5,10 @@
 
 One thread. A step is a pose with all its edges to poses before it, in the order of their ids; the
 weights are 1. `solve` is warm-started from the last rotations, with its proof, the graph made anew,
-as a user would write it without `Online`; it is measured at some steps, spread evenly, iSAM2 at all, or
-up to the time limit. CPU time of the thread: mean, median, 99th percentile and largest milliseconds a
-step. The errors are (f - f*) / f* at those steps, f* by `solve` with its proof; of iSAM2 at its end.
+as a user would write it without `Online`; it is measured at some steps, spread evenly, iSAM2 at
+all, or up to the time limit. CPU time of the thread: mean, median, 99th percentile and largest
+milliseconds a step. The errors are (f - f*) / f* at those steps, f* by `solve` with its proof; of
+iSAM2 at its end.
 """
 
 from __future__ import annotations
@@ -89,7 +90,7 @@ def robot(name: str, n: int, width: float, closing: float, noise: float) -> Sequ
         last_at[tuple(position.tolist())] = i
         if random.uniform() < 0.15:
             heading = np.array([-heading[1], heading[0]]) * random.choice([-1, 1])
-        while not (0 <= position + heading).all() or not (position + heading < size).all():
+        while ((position + heading < 0) | (position + heading >= size)).any():
             heading = np.array([-heading[1], heading[0]])
         position = position + heading
     truth = matrices_from_rotvecs(random.normal(size=(n, 3)))
@@ -153,7 +154,7 @@ def measure_isam(data: Sequence, limit: float) -> Measured:
     parameters.relinearizeSkip = 1
     isam = gtsam.ISAM2(parameters)
     model = gtsam.noiseModel.Isotropic.Precision(3, 1.0)
-    rotation: dict[int, Floats] = {}
+    rotation: dict[int, gtsam.Rot3] = {}
     for step in range(data.num_steps):
         factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         for row in range(data.begins[step], data.begins[step + 1]):
