@@ -12,6 +12,10 @@
 
 namespace rotavg {
 
+namespace detail {
+class OnlineEngine;
+}
+
 struct OnlineOptions {
   /// f(R) - f*, as a part of f: how near to the optimum the rotations are after every step.
   double tolerance = 1e-10;
@@ -95,8 +99,7 @@ class Online {
   std::vector<RelativeRotation> edges(std::vector<Index>& numbers) const;
 
  private:
-  class Impl;
-  std::unique_ptr<Impl> impl_;
+  std::unique_ptr<detail::OnlineEngine> impl_;
 };
 
 }  // namespace rotavg

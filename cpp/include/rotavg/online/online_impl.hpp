@@ -21,10 +21,12 @@
 
 namespace rotavg {
 
+namespace detail {
+
 /// Checks what is given, and hands it on.
-class Online::Impl {
+class OnlineEngine {
  public:
-  explicit Impl(const OnlineOptions& options)
+  explicit OnlineEngine(const OnlineOptions& options)
       : options_(options),
         optimum_(tended_, options.tolerance, options.certificate_tolerance),
         weights_(tended_, {options.loss, options.loss_scale}) {
@@ -166,7 +168,7 @@ class Online::Impl {
       state_.num_edges += component.num_edges;
       state_.objective += component.objective;
       state_.gap += component.gap;
-      state_.relative_gap = detail::larger(state_.relative_gap, optimum_.relative_gap(component));
+      state_.relative_gap = larger(state_.relative_gap, optimum_.relative_gap(component));
     }
     state_.verdict = state_.relative_gap <= options_.certificate_tolerance ? Verdict::proved
                                                                            : Verdict::not_certified;
@@ -185,8 +187,10 @@ class Online::Impl {
   OnlineState state_;
 };
 
+}  // namespace detail
+
 ROTAVG_INLINE Online::Online(const OnlineOptions& options)
-    : impl_(std::make_unique<Impl>(options)) {}
+    : impl_(std::make_unique<detail::OnlineEngine>(options)) {}
 ROTAVG_INLINE Online::~Online() = default;
 ROTAVG_INLINE Online::Online(Online&&) noexcept = default;
 ROTAVG_INLINE Online& Online::operator=(Online&&) noexcept = default;
