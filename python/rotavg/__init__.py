@@ -14,6 +14,7 @@ radians, quaternions xyzw.
     read, write         files of many formats; read_rotations, write_edges, write_covariances
     solve               the rotations: a Solution, with a Certificate
     certify             the certificate of rotations from elsewhere
+    Online              the same while edges come and go
     Priors              what is known beforehand: fixed rotations, gravity, rigs
     simulate, compare   graphs with known truth, and errors
     hardness            how hard a graph is; cycle_evidence, which edges are suspicious
@@ -48,6 +49,7 @@ from rotavg.priors.priors import Priors, Rigs
 from rotavg.priors.rigs import RigFit
 from rotavg.solving.certificate import Certificate, ComponentCertificate, Shortfall, Verdict
 from rotavg.solving.diagnosis import Diagnosis, Share, diagnose
+from rotavg.solving.online import Online, OnlineSolution
 from rotavg.solving.robust import CycleEvidence, PriorFit, RobustFit, cycle_evidence
 from rotavg.solving.solution import Interrupted, Solution
 from rotavg.solving.solve import certify, gradient, objective, solve
@@ -129,6 +131,8 @@ __all__ = [
     "KnownRotations",
     "MeasurementGraph",
     "MissingExtraError",
+    "Online",
+    "OnlineSolution",
     "OptionError",
     "PoseSolution",
     "PriorFit",

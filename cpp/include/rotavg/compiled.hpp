@@ -2,7 +2,7 @@
 
 /// How a program comes to the entry points of the library: nearest_rotation(),
 /// algebraic_connectivity(), certify(), solve(), solve_robust(), estimate_rigs(), solve_rigs(),
-/// refine_anisotropic(), covariances() and marginal_covariances(). Their headers hold the contract;
+/// refine_anisotropic(), covariances(), marginal_covariances() and the class Online. Their headers hold the contract;
 /// the header of the same name with `_impl` holds the definition.
 ///
 /// Header-only (the CMake target rotavg::rotavg), the one includes the other. With ROTAVG_COMPILED

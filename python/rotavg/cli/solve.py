@@ -19,6 +19,7 @@ from rotavg.cli.distributed import (
     distributed_options,
     solve_in_parts,
 )
+from rotavg.cli.follow import check_follow_options, follow_input, follow_option
 from rotavg.cli.known_edges import check_known_edges, known_edge_options, read_known_edges
 from rotavg.cli.options import choice, number
 from rotavg.cli.output import (
@@ -66,6 +67,7 @@ from rotavg.report import Run, check_report, write_report
             *("trusted_path", "trust_odometry", "excluded_path"),
         ),
         "Many machines": ("distributed", "scheduler", "parts"),
+        "As data come in": ("follow",),
         "When to stop": ("tolerance", "stop", "max_iterations", "time_limit"),
         "Certificate": (
             *("certificate_tolerance", "certificate_failure_probability"),
@@ -196,6 +198,7 @@ from rotavg.report import Run, check_report, write_report
     "No factorisation of the proof takes more operations.",
 )
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
+@follow_option
 @distributed_options
 @reading_options
 @options.output_solution
@@ -226,6 +229,7 @@ def solve(
     distributed: bool,
     scheduler: str | None,
     parts: int | None,
+    follow: bool,
     **settings: Any,
 ) -> int:
     """Find the rotations that fit the relative rotations in INPUT best, and certify them.
@@ -235,8 +239,13 @@ def solve(
       rotavg solve graph.g2o -o solved.g2o --report report.html
       rotavg solve graph.txt --method sum --threads 4 --json
       rotavg solve photos.txt --loss auto --edges edges.csv
+      robot | rotavg solve --follow -
     """
     check_distributed_options(distributed)
+    if follow:
+        check_follow_options()
+        scale = _radians(loss_scale)
+        return follow_input(input_path, settings, None if scale == "auto" else scale)
     if distributed:
         return solve_in_parts(input_path, output, scheduler, parts, as_json, no_certify, settings)
     settings["loss_scale"] = _radians(loss_scale)

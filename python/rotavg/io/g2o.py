@@ -145,7 +145,7 @@ def _graph(
     covariances: NDArray[np.float64] | None = None
     if information is not None and not options.unit_weights:
         omega = dialect.rotation_information(information)
-        weights = _weights(path, omega, lines)
+        weights = information_weights(path, omega, lines)
         if dialect is G2O_3D:
             covariances = _covariances(omega, weights)
     with blame_line(path, lines):
@@ -209,7 +209,9 @@ def _translations(
     return RelativeTranslations(vectors, omega, cross=shared, dimension=dialect.dimension), ()
 
 
-def _weights(path: Path, omega: NDArray[np.float64], lines: Sequence[int]) -> NDArray[np.float64]:
+def information_weights(
+    path: Path, omega: NDArray[np.float64], lines: Sequence[int]
+) -> NDArray[np.float64]:
     """What the information says of rotations; without any, 0: the edge is not used."""
     weights = np.where((omega == 0).all(axis=(1, 2)), 0.0, g2o_write.kappa(omega))
     bad = np.isnan(weights)

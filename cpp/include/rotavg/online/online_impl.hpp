@@ -1,0 +1,242 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <unordered_set>
+#include <utility>
+#include <vector>
+
+#include <rotavg/certify/component_certificate.hpp>
+#include <rotavg/online/online.hpp>
+#include <rotavg/online/optimum.hpp>
+#include <rotavg/online/reweight.hpp>
+#include <rotavg/online/tended_core.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+namespace detail {
+
+/// Checks what is given, and hands it on.
+class OnlineEngine {
+ public:
+  explicit OnlineEngine(const OnlineOptions& options)
+      : options_(options),
+        optimum_(tended_, options.tolerance, options.certificate_tolerance),
+        weights_(tended_, {options.loss, options.loss_scale}) {
+    const auto require = [](bool holds, const char* what) {
+      if (!holds) throw std::invalid_argument(what);
+    };
+    require(options.tolerance > 0.0, "the tolerance must be a positive number");
+    require(options.certificate_tolerance >= 0.0,
+            "the certificate's tolerance must be a number that is not negative");
+    require(options.loss != Loss::automatic, "the loss auto is none of those for online use");
+    require(options.loss == Loss::l2 || (options.loss_scale > 0.0 && options.loss_scale <= 10.0),
+            "a robust loss online needs its scale, in radians");
+  }
+
+  std::vector<Index> add(const std::vector<RelativeRotation>& edges,
+                         const std::vector<bool>& trusted, const std::vector<NodeId>& nodes) {
+    if (!trusted.empty() && trusted.size() != edges.size()) {
+      throw std::invalid_argument("expected one value of `trusted` for each edge");
+    }
+    std::vector<OnlineEdge> checked;
+    for (std::size_t k = 0; k < edges.size(); ++k) {
+      RelativeRotation m = edges[k];
+      if (m.weight == 0.0) m.weight = 1.0;
+      OnlineEdge e;
+      e.i_from_j = check_measurement(static_cast<Index>(k), m);
+      e.given = edges[k].weight;
+      e.trusted = !trusted.empty() && trusted[k];
+      checked.push_back(e);
+    }
+    for (const NodeId id : nodes) node_of(id);
+    std::vector<Index> numbers;
+    for (std::size_t k = 0; k < edges.size(); ++k) {
+      OnlineEdge& e = checked[k];
+      e.i = node_of(edges[k].i);
+      e.j = node_of(edges[k].j);
+      e.weight = e.given;
+      numbers.push_back(tended_.core.graph().add_edge(e));
+      if (e.given > 0.0) tended_.use(numbers.back());
+    }
+    follow(numbers);
+    return numbers;
+  }
+
+  void remove(const std::vector<Index>& edges) {
+    check_numbers(edges);
+    for (const Index k : edges) {
+      weights_.num_outliers -= weights_.is_outlier(k);
+      if (graph().edge(k).weight > 0.0) {
+        tended_.drop(k, true);
+      } else {
+        tended_.core.graph().remove_edge(k);
+      }
+    }
+    follow({});
+  }
+
+  void set_weights(const std::vector<Index>& edges, const std::vector<double>& weights) {
+    if (weights.size() != edges.size()) {
+      throw std::invalid_argument("found " + std::to_string(weights.size()) +
+                                  " weights; expected " + std::to_string(edges.size()) +
+                                  ", one for each edge");
+    }
+    check_numbers(edges);
+    for (std::size_t k = 0; k < edges.size(); ++k) {
+      if (weights[k] != 0.0) check_weight(static_cast<Index>(k), weights[k]);
+    }
+    for (std::size_t k = 0; k < edges.size(); ++k) {
+      OnlineEdge& e = tended_.core.graph().edge(edges[k]);
+      const double left = e.given > 0.0 ? e.weight / e.given : 1.0;
+      weights_.num_outliers -= weights_.is_outlier(edges[k]);
+      e.given = weights[k];
+      weights_.use_weight(edges[k], weights[k] * left);
+      weights_.num_outliers += weights_.is_outlier(edges[k]);
+    }
+    follow(edges);
+  }
+
+  const OnlineState& state() const { return state_; }
+  const GrowingGraph& graph() const { return tended_.graph(); }
+  Matrix3 rotation(Index i) const { return tended_.core.rotation(i).toRotationMatrix(); }
+
+  Rotations rotations() const {
+    Rotations R(graph().ids().size());
+    for (const OnlineComponent& component : tended_.components) {
+      if (component.nodes.empty()) continue;
+      const Index first = *std::min_element(component.nodes.begin(), component.nodes.end());
+      const Quaternion back = tended_.core.rotation(first).conjugate();
+      for (const Index i : component.nodes) {
+        const Quaternion q(product(back, tended_.core.rotation(i)));
+        R[i] = i == first ? Matrix3(Matrix3::Identity()) : q.normalized().toRotationMatrix();
+      }
+    }
+    return R;
+  }
+
+ private:
+  Index node_of(NodeId id) {
+    const Index row = graph().find(id);
+    return row >= 0 ? row : tended_.add_node(id);
+  }
+
+  void check_numbers(const std::vector<Index>& edges) const {
+    std::unordered_set<Index> seen;
+    for (std::size_t p = 0; p < edges.size(); ++p) {
+      const Index k = edges[p];
+      const auto refuse = [&](const char* what) {
+        throw InvalidEdge(static_cast<Index>(p), "number " + std::to_string(k) + what);
+      };
+      if (k < 0 || k >= graph().num_edges()) refuse(" is that of no edge");
+      if (!graph().edge(k).is_there) refuse(" is that of an edge that was removed");
+      if (!seen.insert(k).second) refuse(" stands twice");
+    }
+  }
+
+  /// After the graph has changed.
+  /// @param changed edges, which a robust loss looks at
+  void follow(std::vector<Index> changed) {
+    optimum_.counts() = StepCounts();
+    optimum_.turned().clear();
+    optimum_.settle();
+    if (options_.loss != Loss::l2) {
+      constexpr int most = 30;
+      std::unordered_set<Index> dropped, pardoned;
+      for (int k = 0; k < most && weights_(optimum_.turned(), changed, dropped, pardoned); ++k) {
+        optimum_.settle();
+      }
+    }
+    count();
+  }
+
+  void count() {
+    state_ = OnlineState();
+    state_.num_outliers = weights_.num_outliers;
+    state_.num_nodes = graph().num_nodes();
+    state_.num_edges = 0;
+    state_.num_components = tended_.num_components;
+    for (const OnlineComponent& component : tended_.components) {
+      if (component.ground < 0) continue;
+      state_.num_edges += component.num_edges;
+      state_.objective += component.objective;
+      state_.gap += component.gap;
+      state_.relative_gap = larger(state_.relative_gap, optimum_.relative_gap(component));
+    }
+    state_.verdict = state_.relative_gap <= options_.certificate_tolerance ? Verdict::proved
+                                                                           : Verdict::not_certified;
+    state_.relative_gradient = optimum_.relative_gradient();
+    state_.iterations = optimum_.counts().iterations;
+    state_.eliminated = optimum_.counts().eliminated;
+    state_.moved = optimum_.counts().moved;
+    state_.refreshed = optimum_.counts().refreshed;
+    state_.solved = optimum_.counts().solved;
+  }
+
+  OnlineOptions options_;
+  TendedCore tended_;
+  OnlineOptimum optimum_;
+  OnlineWeights weights_;
+  OnlineState state_;
+};
+
+}  // namespace detail
+
+ROTAVG_INLINE Online::Online(const OnlineOptions& options)
+    : impl_(std::make_unique<detail::OnlineEngine>(options)) {}
+ROTAVG_INLINE Online::~Online() = default;
+ROTAVG_INLINE Online::Online(Online&&) noexcept = default;
+ROTAVG_INLINE Online& Online::operator=(Online&&) noexcept = default;
+
+ROTAVG_INLINE std::vector<Index> Online::add(const std::vector<RelativeRotation>& edges,
+                                             const std::vector<bool>& trusted,
+                                             const std::vector<NodeId>& nodes) {
+  return impl_->add(edges, trusted, nodes);
+}
+ROTAVG_INLINE void Online::remove(const std::vector<Index>& edges) { impl_->remove(edges); }
+ROTAVG_INLINE void Online::set_weights(const std::vector<Index>& edges,
+                                       const std::vector<double>& weights) {
+  impl_->set_weights(edges, weights);
+}
+ROTAVG_INLINE const OnlineState& Online::state() const { return impl_->state(); }
+ROTAVG_INLINE const std::vector<NodeId>& Online::nodes() const { return impl_->graph().ids(); }
+ROTAVG_INLINE Rotations Online::rotations() const { return impl_->rotations(); }
+ROTAVG_INLINE Matrix3 Online::rotation(NodeId node) const {
+  const Index row = impl_->graph().find(node);
+  if (row < 0) {
+    throw std::invalid_argument("node " + std::to_string(node) + " is not in the graph");
+  }
+  return impl_->rotation(row);
+}
+ROTAVG_INLINE std::vector<double> Online::edge_weights() const {
+  std::vector<double> weights;
+  for (Index k = 0; k < impl_->graph().num_edges(); ++k) {
+    weights.push_back(impl_->graph().edge(k).weight);
+  }
+  return weights;
+}
+ROTAVG_INLINE std::vector<RelativeRotation> Online::edges(std::vector<Index>& numbers) const {
+  std::vector<RelativeRotation> edges;
+  numbers.clear();
+  const GrowingGraph& graph = impl_->graph();
+  for (Index k = 0; k < graph.num_edges(); ++k) {
+    const OnlineEdge& e = graph.edge(k);
+    if (!e.is_there) continue;
+    Matrix3 R = weighted_rotation(e.i_from_j);
+    R /= e.i_from_j.squaredNorm();
+    edges.push_back({graph.ids()[e.i], graph.ids()[e.j], R, e.given});
+    numbers.push_back(k);
+  }
+  return edges;
+}
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop

@@ -1,0 +1,102 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <unordered_set>
+#include <utility>
+#include <vector>
+
+#include <rotavg/online/tended_core.hpp>
+#include <rotavg/robust/loss.hpp>
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+/// The weights in use: those that were given, times what a robust loss leaves of them.
+class OnlineWeights {
+ public:
+  /// @param tended must outlive this object
+  OnlineWeights(TendedCore& tended, const RobustLoss& loss) : tended_(tended), loss_(loss) {}
+
+  Index num_outliers = 0;
+
+  bool is_outlier(Index k) const {
+    const OnlineEdge& e = tended_.graph().edge(k);
+    return e.weight < 0.5 * e.given;
+  }
+
+  void use_weight(Index k, double weight) {
+    const bool was_used = tended_.graph().edge(k).weight > 0.0;
+    if (was_used && !(weight > 0.0)) {
+      tended_.drop(k, false);
+    } else if (was_used) {
+      tended_.set_weight(k, weight);
+    } else if (weight > 0.0) {
+      tended_.core.graph().set_weight(k, weight);
+      tended_.use(k);
+    }
+  }
+
+  /// One round of reweighting. Of the truncated loss the edge that is furthest beyond the scale
+  /// goes, alone, for the others may be there because of it; and those come back that the rotations
+  /// of now agree with. Others get the weights of their residuals.
+  /// @param edges those that are new; receives those at nodes that have moved
+  /// @returns whether a weight has changed
+  bool operator()(std::vector<Index>& turned, std::vector<Index>& edges,
+                  std::unordered_set<Index>& dropped, std::unordered_set<Index>& pardoned) {
+    for (const Index i : turned) {
+      for (const GrowingGraph::End& end : tended_.graph().ends(i)) edges.push_back(end.edge);
+    }
+    turned.clear();
+    std::sort(edges.begin(), edges.end());
+    edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
+    constexpr double coarse = 1e-3;
+    const bool truncated = loss_.kind == Loss::tls;
+    std::vector<std::pair<Index, double>> parts;
+    double worst = 0.0;
+    Index furthest = -1;
+    for (const Index k : edges) {
+      const OnlineEdge& e = tended_.graph().edge(k);
+      const bool hangs = e.weight > 0.0 && !e.in_core;
+      if (!e.is_there || e.trusted || !(e.given > 0.0) || hangs) continue;
+      const double x = squared_chord(k), part = loss_.weight(x);
+      if (truncated && part == 0.0 && e.weight > 0.0) {
+        if (x > worst && dropped.count(k) == 0 && !tended_.is_bridge(k)) {
+          worst = x;
+          furthest = k;
+        }
+      } else if (std::abs(part - e.weight / e.given) > coarse) {
+        if (!truncated || pardoned.insert(k).second) parts.emplace_back(k, part);
+      }
+    }
+    if (furthest >= 0) {
+      dropped.insert(furthest);
+      parts.emplace_back(furthest, 0.0);
+    }
+    for (const auto& [k, part] : parts) {
+      num_outliers -= is_outlier(k);
+      use_weight(k, part * tended_.graph().edge(k).given);
+      num_outliers += is_outlier(k);
+    }
+    return !parts.empty();
+  }
+
+ private:
+  /// r^2 of RobustLoss.
+  double squared_chord(Index k) const {
+    const OnlineEdge& e = tended_.graph().edge(k);
+    const Quaternion q_i = tended_.core.rotation(e.i), q_j = tended_.core.rotation(e.j);
+    return tended_.core.cost(k, q_i, q_j) / (2.0 * e.i_from_j.squaredNorm());
+  }
+
+  TendedCore& tended_;
+  RobustLoss loss_;
+};
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop

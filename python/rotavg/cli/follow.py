@@ -1,0 +1,102 @@
+"""`rotavg solve --follow`: edges as they come, and how things stand after each."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any, BinaryIO, Callable, TypeVar
+
+import click
+from click.core import ParameterSource
+
+import rotavg
+from rotavg.cli.output import print_text
+from rotavg.io.g2o_stream import edge_lines
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+# The options of `rotavg solve` that it has a use for.
+KNOWN = {"input_path", "follow", "as_json", "unit_weights", "certificate_tolerance"}
+KNOWN |= {"loss", "loss_scale"}
+
+
+def follow_option(command: F) -> F:
+    """The option that says so."""
+    option = click.option(
+        "--follow",
+        is_flag=True,
+        help="Read the lines of a g2o file as they come (INPUT - is standard input), and print one "
+        "line of JSON after every edge: the optimum so far, and whether it is proved.",
+    )
+    return option(command)
+
+
+def check_follow_options() -> None:
+    """Refuse, by name, what has no use here."""
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        if context.get_parameter_source(parameter.name or "") != ParameterSource.COMMANDLINE:
+            continue
+        if parameter.name not in KNOWN:
+            option = max(parameter.opts, key=len)
+            raise click.UsageError(f"{option} is not possible with --follow")
+
+
+def follow_input(input_path: Path, settings: dict[str, Any], loss_scale: float | None) -> int:
+    """Read, solve and print, edge by edge; the exit status.
+
+    Raises FormatError for the first line that is wrong; what was printed before it stands.
+    """
+    loss = settings["loss"]
+    if loss == "auto":
+        raise click.UsageError("--loss auto is not possible with --follow: name a loss")
+    if loss != "l2" and loss_scale is None:
+        raise click.UsageError("--follow needs a --loss-scale with --loss, in degrees")
+    online = rotavg.Online(
+        certificate_tolerance=settings["certificate_tolerance"], loss=loss, loss_scale=loss_scale
+    )
+    if str(input_path) == "-":
+        _follow(online, Path("stdin"), sys.stdin.buffer, settings["unit_weights"])
+    else:
+        try:
+            with input_path.open("rb") as file:
+                _follow(online, input_path, file, settings["unit_weights"])
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise rotavg.FileAccessError(f"cannot be read: {reason}", path=input_path) from error
+    if online.num_nodes == 0:
+        raise rotavg.FormatError("there are no edges", path=input_path)
+    return 0 if online.verdict == rotavg.Verdict.PROVED else 1
+
+
+def _follow(online: rotavg.Online, path: Path, file: BinaryIO, unit_weights: bool) -> None:
+    for step, edge in enumerate(edge_lines(path, iter(file.readline, b""), unit_weights), start=1):
+        began = time.perf_counter()
+        try:
+            online.add(edge.ids, edge.rotations, edge.weights)
+        except rotavg.GraphError as error:
+            raise rotavg.FormatError(str(error), path=path, line=edge.line) from None
+        seconds = time.perf_counter() - began
+        print_text(json.dumps(_state(online, step, edge.line, seconds)))
+
+
+def _state(online: rotavg.Online, step: int, line: int, seconds: float) -> dict[str, Any]:
+    state = online.state
+    return {
+        "step": step,
+        "line": line,
+        "nodes": state.num_nodes,
+        "edges": state.num_edges,
+        "components": state.num_components,
+        "outliers": state.num_outliers,
+        "objective": state.objective,
+        "certificate": {
+            "verdict": state.verdict,
+            "gap": state.gap,
+            "relative_gap": state.relative_gap,
+        },
+        "iterations": state.iterations,
+        "seconds": seconds,
+    }

@@ -1,0 +1,260 @@
+"""Online averaging: the optimum of `solve` after every step, errors, and `solve --follow`."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import rotavg
+from rotavg.cli.main import commands
+from rotavg.graph.conventions import matrices_from_rotvecs
+
+SEED = int(os.environ.get("ROTAVG_TEST_SEED", "20210712"))
+
+
+def measured(
+    random: np.random.Generator, edges: np.ndarray, n: int, noise: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Truth (n, 3, 3) and noisy measurements (m, 3, 3)."""
+    truth = matrices_from_rotvecs(random.normal(size=(n, 3)))
+    errors = matrices_from_rotvecs(random.normal(scale=noise, size=(len(edges), 3)))
+    return truth, np.swapaxes(truth[edges[:, 0]], 1, 2) @ truth[edges[:, 1]] @ errors
+
+
+def random_edges(random: np.random.Generator, n: int, extra: int) -> np.ndarray:
+    """A random tree and further edges."""
+    tree = [(random.integers(i), i) for i in range(1, n)]
+    more = [random.choice(n, size=2, replace=False) for _ in range(extra)]
+    return np.array([*tree, *more])
+
+
+def check(online: rotavg.Online) -> None:
+    """The rotations are those of `solve`, and what the state says of them is so."""
+    graph = online.graph
+    best = rotavg.solve(graph)
+    solution = online.solution
+    f = rotavg.objective(graph, solution.rotations)
+    assert abs(f - online.objective) <= 1e-9 * f + 1e-24
+    assert f <= best.objective * (1 + 1e-9) + 1e-24, SEED
+    assert f - online.gap <= best.objective * (1 + 1e-12) + 1e-24, SEED
+    if best.verdict == "proved":
+        assert solution.verdict == rotavg.Verdict.PROVED == online.verdict, SEED
+    assert np.array_equal(solution.nodes, graph.nodes)
+    assert solution.num_components == 1 + graph.components().max()
+
+
+def test_it_is_the_optimum_of_solve_at_every_step() -> None:
+    random = np.random.default_rng(SEED)
+    for noise, names in ((0.1, False), (0.003, True)):
+        edges = random_edges(random, 25, 30)
+        _, rotations = measured(random, edges, 25, noise)
+        weights = 10.0 ** random.uniform(-1, 1, len(edges))
+        ids: Any = np.array([f"n{i}" for i in range(25)])[edges] if names else 7 * edges - 3
+        online = rotavg.Online()
+        there: list[int] = []
+        for k in random.permutation(len(edges)):
+            there += online.add(ids[k : k + 1], rotations[k], weights[k : k + 1]).tolist()
+            check(online)
+            if k % 5 == 0:
+                online.remove([there.pop(int(random.integers(len(there))))])
+                if there:
+                    check(online)
+            if k % 7 == 0 and there:
+                chosen = [there[int(random.integers(len(there)))]]
+                online.set_weights(chosen, random.choice([0.0, 0.3, 5.0], size=1))
+                if online.num_edges:
+                    check(online)
+
+
+def test_a_node_by_itself_is_in_a_gauge_of_its_own() -> None:
+    random = np.random.default_rng(SEED)
+    edges = random_edges(random, 12, 8)
+    _, rotations = measured(random, edges, 12, 0.05)
+    online = rotavg.Online()
+    online.add(edges, rotations)
+    turn = online[int(online.nodes[0])].T
+    for node, rotation in zip(online.nodes.tolist(), online.rotations):
+        assert np.allclose(turn @ online[node], rotation, atol=1e-14)
+    with pytest.raises(rotavg.UnknownNodeError, match="no node 77"):
+        online[77]
+
+
+def test_vision_family_and_nodes_without_edges() -> None:
+    random = np.random.default_rng(SEED)
+    edges = random_edges(random, 6, 4)
+    _, rotations = measured(random, edges, 6, 0.05)
+    pose, vision = rotavg.Online(), rotavg.Online()
+    pose.add(edges, rotations, nodes=[9, 8])
+    vision.add(edges, np.swapaxes(rotations, 1, 2), convention="vision", nodes=[9, 8])
+    assert pose.nodes[:2].tolist() == [9, 8]
+    assert np.array_equal(pose.rotations, vision.rotations)
+    assert pose.num_nodes == 8
+    assert pose.solution.num_components == 3
+    only_nodes = rotavg.Online()
+    assert len(only_nodes.add(np.zeros((0, 2), int), np.zeros((0, 3, 3)), nodes=["a", "b"])) == 0
+    assert only_nodes.nodes.tolist() == ["a", "b"]
+    assert only_nodes.verdict == "proved"
+
+
+def test_bad_input_changes_nothing() -> None:
+    online = rotavg.Online()
+    one = np.eye(3)
+    numbers = online.add([(1, 2), (2, 3)], np.stack([one, one]))
+    before = repr(online)
+    for arguments, message in (
+        ({"edges": [(1, 9), (4, 4)], "rotations": [one, one]}, r"edge 1 \(4 -> 4\)"),
+        ({"edges": [(1, 9)], "rotations": [one], "weights": [-1]}, "found the weight -1"),
+        ({"edges": [(1, 9)], "rotations": [one], "weights": [np.nan]}, "nan"),
+        ({"edges": [(1, 9)], "rotations": [np.nan * one]}, "NaN"),
+        ({"edges": [(1, 9)], "rotations": [-one]}, "reflection"),
+        ({"edges": [(1, 9)], "rotations": [one, one]}, "shape"),
+        ({"edges": [("a", "b")], "rotations": [one]}, "names, unlike"),
+        ({"edges": [(1, 9)], "rotations": [one], "nodes": ["a"]}, "names, unlike"),
+        ({"edges": [(1, 9)], "rotations": [one], "trusted": [1]}, "trusted"),
+        ({"edges": [(1, 9)], "rotations": [one], "convention": "other"}, "other"),
+    ):
+        with pytest.raises(rotavg.Error, match=message):
+            online.add(**arguments)
+        assert repr(online) == before
+    for edges in ([5], [-1], [numbers[0], numbers[0]], [0.5]):
+        with pytest.raises(rotavg.GraphError):
+            online.remove(edges)
+    with pytest.raises(rotavg.GraphError):
+        online.set_weights(numbers, [1.0])
+    with pytest.raises(rotavg.GraphError):
+        online.set_weights(numbers, [1.0, np.inf])
+    assert repr(online) == before
+    for options in ({"loss": "tls"}, {"loss": "auto", "loss_scale": 1.0}, {"tolerance": 0.0}):
+        with pytest.raises(rotavg.OptionError):
+            rotavg.Online(**options)  # type: ignore[arg-type]
+    names = rotavg.Online()
+    with pytest.raises(rotavg.GraphError):
+        names.add([("a", "a")], one)
+    names.add([(1, 2)], one)  # no name was kept
+
+
+def test_wrong_closures_are_left_out() -> None:
+    random = np.random.default_rng(SEED)
+    n = 60
+    path = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+    closures = np.array([(i, i + 10) for i in range(0, n - 10, 2)])
+    truth, odometry = measured(random, path, n, 0.01)
+    online = rotavg.Online(loss="tls", loss_scale=0.3)
+    online.add(path, odometry)
+    right = np.swapaxes(truth[closures[:, 0]], 1, 2) @ truth[closures[:, 1]]
+    wrong = []
+    for k, closure in enumerate(closures):
+        online.add([closure], right[k])
+        if k > 3 and k % 3 == 0:
+            rotation = matrices_from_rotvecs(np.array([[1.0, 0.5, -1.0]]))[0] @ right[k]
+            wrong += online.add([closure], rotation).tolist()
+    assert np.flatnonzero(online.edge_weights == 0.0).tolist() == wrong
+    assert online.num_outliers == len(wrong) > 0
+    assert online.verdict == "proved"
+
+
+def line(i: int, j: int, angle: float) -> str:
+    """Of g2o, turned about z."""
+    information = "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 4 0 0 4 0 4"
+    pose = f"0 0 0 0 0 {np.sin(angle / 2)} {np.cos(angle / 2)}"
+    return f"EDGE_SE3:QUAT {i} {j} {pose} {information}\n"
+
+
+LINES = [
+    "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n",
+    line(0, 1, 1.0),
+    "\n",
+    line(1, 2, 1.1),
+    line(2, 0, -2),
+]
+
+
+def test_follow_prints_a_line_for_every_edge(tmp_path: Path) -> None:
+    file = tmp_path / "robot.g2o"
+    file.write_text("".join(LINES))
+    result = CliRunner().invoke(commands, ["solve", "--follow", str(file)])
+    assert result.exit_code == 0, result.output
+    states = [json.loads(text) for text in result.output.splitlines()]
+    assert [(s["step"], s["line"], s["nodes"], s["edges"]) for s in states] == [
+        (1, 2, 2, 1),
+        (2, 4, 3, 2),
+        (3, 5, 3, 3),
+    ]
+    solution = rotavg.solve(rotavg.read(file))
+    assert states[-1]["objective"] == pytest.approx(solution.objective, rel=1e-9)
+    assert all(s["certificate"]["verdict"] == "proved" for s in states)
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ("EDGE_SE3:QUAT 0 x 0 0 0 0 0 0 1\n", ":3:"),
+        ("EDGE_SE3:QUAT 0\n", ":3:"),
+        ("EDGE_SE3:QUAT 0 5 0 0 0 0 0 0 0\n", ":3:"),
+        ("EDGE_SE3:QUAT 0 5 0 0 0 nan 0 0 1\n", ":3:"),
+        ("EDGE_SE3:QUAT 5 5 0 0 0 0 0 0 1\n", ":3:"),
+        ("EDGE_SE3:QUAT 0 5 0 0 0 0 0 0 1 3\n", ":3:"),
+    ],
+)
+def test_follow_names_the_line_that_is_wrong(tmp_path: Path, text: str, place: str) -> None:
+    file = tmp_path / "robot.g2o"
+    file.write_text("".join([*LINES[:2], text, *LINES[3:]]))
+    done = subprocess.run(
+        [sys.executable, "-m", "rotavg", "solve", "--follow", str(file)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert place in done.stderr
+    assert "Traceback" not in done.stderr
+    assert len(done.stdout.splitlines()) == 1  # what came before it
+
+
+def test_follow_refuses_what_it_cannot_do(tmp_path: Path) -> None:
+    file = tmp_path / "robot.g2o"
+    file.write_text("".join(LINES))
+    for more in (["-o", "x.g2o"], ["--loss", "auto"], ["--loss", "tls"], ["--method", "bcd"]):
+        result = CliRunner().invoke(commands, ["solve", "--follow", str(file), *more])
+        assert result.exit_code == 2
+    robust = [*("--loss", "tls"), *("--loss-scale", "10")]
+    assert CliRunner().invoke(commands, ["solve", "--follow", str(file), *robust]).exit_code == 0
+    empty = subprocess.run(
+        [sys.executable, "-m", "rotavg", "solve", "--follow", "-"],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert empty.returncode == 2
+    assert "no edges" in empty.stderr
+
+
+def test_follow_answers_at_once_and_ends_by_ctrl_c() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rotavg", "solve", "--follow", "-"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    for text in (LINES[1], LINES[3]):
+        process.stdin.write(text)
+        process.stdin.flush()
+        assert json.loads(process.stdout.readline())["certificate"]["verdict"] == "proved"
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted" in errors
+    assert "Traceback" not in errors
