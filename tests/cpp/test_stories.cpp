@@ -13,6 +13,7 @@
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/robust/stories.hpp>
+#include <rotavg/robust/strongest.hpp>
 
 #include "support/graphs.hpp"
 #include "support/random.hpp"
@@ -155,6 +156,41 @@ TEST_CASE("every node has eight voices, or as many as edges") {
   CHECK(comparison.other_edges() == 0);
   CHECK(comparison.clear());
   CHECK_FALSE(evidence.compare(much, zero).clear());
+}
+
+TEST_CASE("cameras share their strongest neighbours, whatever an edge says of its own precision") {
+  Random random;
+  INFO(random.replay());
+  const Folded ring = folded_ring(random, 80, 0.002);
+  std::vector<RelativeRotation> measurements = ring.measurements;
+  for (RelativeRotation& m : measurements) m.weight = std::exp(random.normal());
+  const MeasurementGraph graph(measurements);
+  const Neighbourhoods neighbourhoods(graph);
+  const std::vector<double> strength =
+      shared_strongest(graph, neighbourhoods, neighbourhoods.overlap(graph.weights()));
+  const std::vector<double> ends = strongest(graph, strength);
+  for (Index k = 0; k < graph.num_edges(); ++k) {
+    CHECK(strength[k] >= 0.0);
+    const Edge& e = graph.edges()[k];
+    const bool folds = (ring.truth[e.i] * e.i_from_j() - ring.truth[e.j]).norm() > 0.1;
+    if (folds) CHECK(ends[k] == 0.0);
+  }
+  const std::vector<Index> part = parts_joined_by(graph, skeleton(graph, ends));
+  CHECK(*std::max_element(part.begin(), part.end()) == 0);
+}
+
+TEST_CASE("the skeleton joins what the graph joins") {
+  Random random;
+  INFO(random.replay());
+  test::Pairs pairs = test::complete(12);
+  for (const auto& [i, j] : test::complete(12)) pairs.emplace_back(i + 12, j + 12);
+  pairs.emplace_back(0, 12);  // none of the strongest
+  const auto graph = test::simulate_graph(random, pairs, 0.0);
+  std::vector<double> strength(pairs.size(), 1.0);
+  strength.back() = 0.0;
+  const std::vector<double> ends = strongest(graph, strength);
+  CHECK(ends.back() == 0.0);
+  CHECK(skeleton(graph, ends).back());
 }
 
 TEST_CASE("groups are told apart by a step, in every component by itself") {
