@@ -138,9 +138,10 @@ class Evidence {
   /// wrong by chance may be as heavy as they like, and those that join parts are light.
   double contrast(const std::vector<Index>& first, const std::vector<Index>& other) const {
     constexpr std::size_t times_as_many = 10;
-    constexpr double least_share = 0.01,
-                     least_deviation = 0.1;  // weights that are all alike tell nothing
-    const auto [less, more] = std::minmax(first.size(), other.size());
+    constexpr double least_share = 0.01;
+    constexpr double least_deviation = 0.1;  // weights that are all alike tell nothing
+    const std::size_t less = std::min(first.size(), other.size());
+    const std::size_t more = std::max(first.size(), other.size());
     const double few = std::max(4.0, least_share * static_cast<double>(log_weights_.size()));
     if (log_weights_.empty() || static_cast<double>(less) < few) return 0.0;
     if (more > times_as_many * less) return 0.0;
@@ -153,8 +154,7 @@ class Evidence {
     };
     const auto [mean, variance] = moments(first);
     const auto [other_mean, other_variance] = moments(other);
-    const double count = static_cast<double>(std::min(first.size(), other.size()));
-    const double least = least_deviation * least_deviation / count;
+    const double least = least_deviation * least_deviation / static_cast<double>(less);
     return (mean - other_mean) / std::sqrt(std::max(least, variance + other_variance));
   }
 
