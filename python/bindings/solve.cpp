@@ -42,6 +42,7 @@ py::dict alternative_dict(const rotavg::Alternative& a) {
   return py::dict(py::arg("rotations") = from_rotations(a.rotations),
                   py::arg("group") = from_vector(a.group), py::arg("bundles") = bundles,
                   py::arg("voices") = py::make_tuple(a.evidence.voices, a.evidence.other_voices),
+                  py::arg("lead_in_weight") = a.evidence.lead_in_weight(),
                   py::arg("edges") = py::make_tuple(a.evidence.edges(), a.evidence.other_edges()),
                   py::arg("closure") = py::make_tuple(a.answer_closure, a.closure),
                   py::arg("missing") = missing);

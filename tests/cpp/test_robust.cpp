@@ -214,7 +214,7 @@ TEST_CASE("solve_robust finds the truth behind wrong edges, names these, and pro
       const bool outlier = is_outlier(solution.verdicts.edges[k]);
       missed += is_wrong[k] && !outlier;
       accused += !is_wrong[k] && outlier;
-      CHECK(solution.edge_weights[k] >= 0.99e-6);
+      CHECK(solution.edge_weights[k] >= 0.99e-9);
       CHECK(solution.edge_weights[k] <= 1.0 + 1e-12);
     }
     CHECK(missed <= 8);    // random rotations can be right

@@ -10,9 +10,11 @@
 #include <rotavg/robust/evidence.hpp>
 #include <rotavg/robust/neighbourhoods.hpp>
 #include <rotavg/robust/part_votes.hpp>
+#include <rotavg/robust/relative_weights.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/robust/stories.hpp>
+#include <rotavg/robust/strongest.hpp>
 
 #include "support/graphs.hpp"
 #include "support/random.hpp"
@@ -143,7 +145,7 @@ TEST_CASE("every node has eight voices, or as many as edges") {
   const auto graph = test::simulate_graph(random, test::random_connected(random, 30, 200), 0.1);
   std::vector<double> strength;
   for (Index k = 0; k < graph.num_edges(); ++k) strength.push_back(random.uniform(0.0, 1.0));
-  const Evidence evidence(graph, strength);
+  const Evidence evidence(graph, strength, {});
   double expected = 0.0;
   for (Index l = 0; l < graph.num_nodes(); ++l) expected += std::min<Index>(8, graph.row(l).size());
   CHECK(std::accumulate(evidence.voices().begin(), evidence.voices().end(), 0.0) == expected);
@@ -155,6 +157,91 @@ TEST_CASE("every node has eight voices, or as many as edges") {
   CHECK(comparison.other_edges() == 0);
   CHECK(comparison.clear());
   CHECK_FALSE(evidence.compare(much, zero).clear());
+}
+
+TEST_CASE("relative weights are those over the median of edges that turn as far") {
+  Random random;
+  INFO(random.replay());
+  for (const Index n : {3, 8, 40}) {
+    auto measurements = test::simulate(random, test::complete(n), 0.1);
+    for (RelativeRotation& m : measurements) m.weight = std::exp(random.normal());
+    const MeasurementGraph graph(measurements);
+    const std::vector<double> weights = graph.weights();
+    const std::vector<double> relative = relative_weights(graph, weights);
+    const std::size_t m = weights.size(), bins = std::clamp<std::size_t>(m / 10, 1, 20);
+    std::vector<std::size_t> order(m);
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+      return graph.edges()[a].i_from_j().trace() > graph.edges()[b].i_from_j().trace();
+    });
+    for (std::size_t b = 0; b < bins; ++b) {
+      std::vector<double> of_bin;
+      const std::size_t first = m * b / bins, last = m * (b + 1) / bins;
+      for (std::size_t k = first; k < last; ++k) of_bin.push_back(weights[order[k]]);
+      std::sort(of_bin.begin(), of_bin.end());
+      const double median = of_bin[of_bin.size() / 2];
+      for (std::size_t k = first; k < last; ++k) {
+        CHECK(relative[order[k]] == doctest::Approx(weights[order[k]] / median));
+      }
+    }
+  }
+}
+
+TEST_CASE("of two answers that explain as much, that of the greater relative weights is told") {
+  Random random;
+  INFO(random.replay());
+  const auto graph = test::simulate_graph(random, test::complete(20), 0.1);
+  const std::size_t m = graph.edges().size();
+  std::vector<double> x(m, 1.0), other(m, 1.0), relative;
+  for (std::size_t k = 0; k < m; ++k) {
+    (k % 2 == 0 ? x : other)[k] = 100.0;
+    relative.push_back(std::exp((k % 2 == 0 ? 0.0 : 1.0) + random.normal()));
+  }
+  const Evidence evidence(graph, std::vector<double>(m, 1.0), relative);
+  const auto comparison = evidence.compare(x, other);
+  // The difference of two means, 1, in units of sqrt(1 / 95 + 1 / 95).
+  CHECK(comparison.lead_in_weight() == doctest::Approx(6.9).epsilon(0.5));
+  CHECK(comparison.lead() == comparison.lead_in_weight());
+  CHECK(comparison.clear());
+  CHECK(evidence.compare(other, x).lead_in_weight() ==
+        doctest::Approx(-comparison.lead_in_weight()));
+  const Evidence even(graph, std::vector<double>(m, 1.0), {});
+  CHECK(even.compare(x, other).lead() == even.compare(x, other).lead_in_voices());
+}
+
+TEST_CASE("cameras share their strongest neighbours, whatever an edge says of its own precision") {
+  Random random;
+  INFO(random.replay());
+  const Folded ring = folded_ring(random, 80, 0.002);
+  std::vector<RelativeRotation> measurements = ring.measurements;
+  for (RelativeRotation& m : measurements) m.weight = std::exp(random.normal());
+  const MeasurementGraph graph(measurements);
+  const Neighbourhoods neighbourhoods(graph);
+  const std::vector<double> strength =
+      shared_strongest(graph, neighbourhoods, neighbourhoods.overlap(graph.weights()));
+  const std::vector<double> ends = strongest(graph, strength);
+  for (Index k = 0; k < graph.num_edges(); ++k) {
+    CHECK(strength[k] >= 0.0);
+    const Edge& e = graph.edges()[k];
+    const bool folds = (ring.truth[e.i] * e.i_from_j() - ring.truth[e.j]).norm() > 0.1;
+    if (folds) CHECK(ends[k] == 0.0);
+  }
+  const std::vector<Index> part = parts_joined_by(graph, skeleton(graph, ends));
+  CHECK(*std::max_element(part.begin(), part.end()) == 0);
+}
+
+TEST_CASE("the skeleton joins what the graph joins") {
+  Random random;
+  INFO(random.replay());
+  test::Pairs pairs = test::complete(12);
+  for (const auto& [i, j] : test::complete(12)) pairs.emplace_back(i + 12, j + 12);
+  pairs.emplace_back(0, 12);  // none of the strongest
+  const auto graph = test::simulate_graph(random, pairs, 0.0);
+  std::vector<double> strength(pairs.size(), 1.0);
+  strength.back() = 0.0;
+  const std::vector<double> ends = strongest(graph, strength);
+  CHECK(ends.back() == 0.0);
+  CHECK(skeleton(graph, ends).back());
 }
 
 TEST_CASE("groups are told apart by a step, in every component by itself") {

@@ -72,7 +72,7 @@ class RobustFit(ReadOnly):
         edge_scales: (m,) factors by which scale, noise and threshold of an edge differ from these;
             infinite for trusted edges.
         objective: the robust objective; with priors, that of the measurements before these are met.
-        edge_weights: (m,) the graph's weights times rho'(r) / (2 r), at least 1e-6 of them, so that
+        edge_weights: (m,) the graph's weights times rho'(r) / (2 r), at least 1e-9 of them, so that
             the graph stays connected (of excluded edges, and those that the cycle check leaves out,
             1e-12).
         edge_verdicts: (m,) see `Solution.edge_verdicts`.

@@ -43,6 +43,9 @@ class Alternative(ReadOnly):
         bundles: the edges between groups that decide, the heaviest first, at most eight.
         voices: of the strongest edges (each camera has eight), how many only the answer explains,
             and how many only the alternative.
+        lead_in_weight: by how many standard deviations the edges that only the answer explains are
+            heavier, for how far they turn, than those that only the alternative explains; 0 where
+            weights tell nothing.
         edges: the same of all edges.
         closure: of the pairs of cameras with a common neighbour across the edges that only the
             answer explains, the share that match; the same for the alternative. Where it is less,
@@ -56,6 +59,7 @@ class Alternative(ReadOnly):
     nodes: IdArray
     bundles: tuple[Bundle, ...]
     voices: tuple[float, float]
+    lead_in_weight: float
     edges: tuple[int, int]
     closure: tuple[float, float]
     missing: IdArray
@@ -71,6 +75,7 @@ class Alternative(ReadOnly):
             read_only(graph.nodes[group > 0]),
             tuple(Bundle((a, b), *rest) for a, b, *rest in core["bundles"]),
             core["voices"],
+            core["lead_in_weight"],
             core["edges"],
             core["closure"],
             read_only(graph.nodes[missing]),
@@ -81,9 +86,12 @@ class Alternative(ReadOnly):
         """What decides, in one line."""
         few = ", ".join(str(node) for node in self.nodes[:3].tolist())
         more = ", ..." if len(self.nodes) > 3 else ""
+        kind = "lighter" if self.lead_in_weight >= 0.0 else "heavier"
+        weight = f"they are {kind} by {abs(self.lead_in_weight):.1f} standard deviations; "
         return (
             f"{len(self.nodes)} of {len(self.group)} nodes ({few}{more}) turned otherwise: "
-            f"{self.edges[1]} edges fit that alone, {self.edges[0]} this alone; of the strongest "
+            f"{self.edges[1]} edges fit that alone, {self.edges[0]} this alone; "
+            f"{weight if self.lead_in_weight else ''}of the strongest "
             f"{self.voices[1]:g} and {self.voices[0]:g}; of pairs that ought to match, "
             f"{100 * self.closure[1]:.0f} % and {100 * self.closure[0]:.0f} % do"
         )
@@ -95,6 +103,7 @@ class Alternative(ReadOnly):
             "groups": int(self.group.max()) + 1,
             "edges": {"answer": self.edges[0], "alternative": self.edges[1]},
             "voices": {"answer": self.voices[0], "alternative": self.voices[1]},
+            "lead_in_weight": self.lead_in_weight,
             "closure": {"answer": self.closure[0], "alternative": self.closure[1]},
             "bundles": [bundle._asdict() for bundle in self.bundles],
             "missing": self.missing.tolist(),

@@ -18,10 +18,11 @@ namespace rotavg {
 /// Which of two answers the edges speak for.
 ///
 /// Edges that agree on a wrong answer are no independent witnesses: one facade that looks like
-/// another makes hundreds of them. So their number says little. What says more is that a camera's
-/// nearest neighbours, with whom it shares most, are hardly ever confused: what only looks alike
-/// shares less. Every camera therefore has eight voices, which its eight strongest edges have, and
-/// all voices count the same. (shared_strongest tells how strong edges are.)
+/// another makes hundreds of them. So their number says little. What says more is what they weigh,
+/// for how far they turn (relative_weights): what only looks alike matches less than true
+/// neighbours do. And a camera's nearest neighbours, with whom it shares most, are hardly ever
+/// confused. Every camera therefore has eight voices, which its eight strongest edges have, and all
+/// voices count the same. (shared_strongest tells how strong edges are.)
 class Evidence {
  public:
   /// What two answers explain that the other one does not.
@@ -33,18 +34,26 @@ class Evidence {
     Index edges() const { return static_cast<Index>(only_first.size()); }
     Index other_edges() const { return static_cast<Index>(only_other.size()); }
 
-    /// By how many standard deviations of chance the voices prefer the first,
-    double lead() const { return lead(voices, other_voices); }
+    double in_weight = 0.0;  ///< lead_in_weight()
+
+    /// By how many standard deviations of chance the weights prefer the first: those of the edges
+    /// that only it explains are greater (relative_weights, in logarithms),
+    double lead_in_weight() const { return in_weight; }
+    /// by how many the voices do,
+    double lead_in_voices() const { return lead(voices, other_voices); }
     /// and by how many all edges do.
     double lead_in_number() const { return lead(edges(), other_edges()); }
-    /// Whether the first is the better one: the voices, or they and the number together, are
-    /// nothing that chance makes.
+    /// That of the weights if it is nothing that chance makes, and of the voices if not.
+    double lead() const { return std::abs(in_weight) > chance ? in_weight : lead_in_voices(); }
+    /// Whether the first is the better one: the weights, the voices, or these and the number
+    /// together, are nothing that chance makes.
     bool clear() const {
-      constexpr double chance = 3.0, tendency = 1.5;
+      constexpr double tendency = 1.5;
       return lead() > chance || (lead() > tendency && lead_in_number() > chance);
     }
 
    private:
+    static constexpr double chance = 3.0;
     static double lead(double a, double b) {
       return a + b > 0.0 ? (a - b) / std::sqrt(a + b) : 0.0;
     }
@@ -52,10 +61,13 @@ class Evidence {
 
   /// @param graph must outlive this object
   /// @param strength (m,) of the edges
-  Evidence(const MeasurementGraph& graph, const std::vector<double>& strength)
-      : graph_(&graph),
-        voices_(strongest(graph, strength)),
-        uneven_(graph.max_weight() > graph.min_weight()) {}
+  /// @param relative (m,) relative_weights; empty where all weights are the same
+  Evidence(const MeasurementGraph& graph, const std::vector<double>& strength,
+           const std::vector<double>& relative)
+      : graph_(&graph), voices_(strongest(graph, strength)) {
+    constexpr double most = 5.0;
+    for (const double w : relative) log_weights_.push_back(std::clamp(std::log(w), -most, most));
+  }
 
   /// (m,) how many voices every edge has: 0, 1 or 2.
   const std::vector<double>& voices() const { return voices_; }
@@ -85,9 +97,9 @@ class Evidence {
   ///
   /// Where the other explains many edges that the first does not, of all and beside those that only
   /// the first explains, one cause makes them all, and either answer may be the folded one. Then
-  /// the voices must be all but unanimous, and the weights bear them out; without weights, the
-  /// pairs that ought to match and do not. Where it explains few, chance is the other cause, and
-  /// the voices decide by their number.
+  /// the weights must speak clearly; where they tell nothing, the voices must be all but unanimous,
+  /// and the pairs that ought to match and do not bear them out. Where it explains few, chance is
+  /// the other cause, and the voices decide by their number.
   bool rules_out_other(const std::vector<double>& x, const std::vector<double>& other) const {
     constexpr double many_edges = 0.02, as_many = 0.3, chance = 3.0, clear = 5.0;
     constexpr double dissent = 0.03, less = 0.7;
@@ -95,8 +107,9 @@ class Evidence {
     const bool many = c.other_edges() >= many_edges * static_cast<double>(voices_.size()) &&
                       c.other_edges() >= as_many * c.edges();
     if (!many) return c.lead() > chance;
+    if (!log_weights_.empty()) return c.lead_in_weight() > clear;
     if (c.lead() <= clear || c.other_voices > dissent * c.voices) return false;
-    return uneven_ || closure(c.only_other) < less * closure(c.only_first);
+    return closure(c.only_other) < less * closure(c.only_first);
   }
 
   /// @param x, other squared residuals (m,) in units of the noise: an edge is explained by an
@@ -115,13 +128,39 @@ class Evidence {
         c.only_other.push_back(static_cast<Index>(k));
       }
     }
+    c.in_weight = contrast(c.only_first, c.only_other);
     return c;
   }
 
  private:
+  /// By how many of its standard deviations the mean of the logarithms of the first's weights is
+  /// the greater (Student's t). Nothing where one answer explains hardly any edges: a few that are
+  /// wrong by chance may be as heavy as they like, and those that join parts are light.
+  double contrast(const std::vector<Index>& first, const std::vector<Index>& other) const {
+    constexpr std::size_t times_as_many = 10;
+    constexpr double least_share = 0.01;
+    constexpr double least_deviation = 0.1;  // weights that are all alike tell nothing
+    const std::size_t less = std::min(first.size(), other.size());
+    const std::size_t more = std::max(first.size(), other.size());
+    const double few = std::max(4.0, least_share * static_cast<double>(log_weights_.size()));
+    if (log_weights_.empty() || static_cast<double>(less) < few) return 0.0;
+    if (more > times_as_many * less) return 0.0;
+    const auto moments = [&](const std::vector<Index>& edges) {
+      double sum = 0.0, squares = 0.0;
+      for (const Index k : edges) sum += log_weights_[k];
+      const double count = static_cast<double>(edges.size()), mean = sum / count;
+      for (const Index k : edges) squares += (log_weights_[k] - mean) * (log_weights_[k] - mean);
+      return std::pair(mean, squares / (count - 1.0) / count);
+    };
+    const auto [mean, variance] = moments(first);
+    const auto [other_mean, other_variance] = moments(other);
+    const double least = least_deviation * least_deviation / static_cast<double>(less);
+    return (mean - other_mean) / std::sqrt(std::max(least, variance + other_variance));
+  }
+
   const MeasurementGraph* graph_;
   std::vector<double> voices_;
-  bool uneven_;  // whether the weights tell anything
+  std::vector<double> log_weights_;  // (m,) relative; empty if they tell nothing
 };
 
 }  // namespace rotavg

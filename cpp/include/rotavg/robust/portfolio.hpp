@@ -14,6 +14,7 @@
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/neighbourhoods.hpp>
 #include <rotavg/robust/part_votes.hpp>
+#include <rotavg/robust/relative_weights.hpp>
 #include <rotavg/robust/run.hpp>
 #include <rotavg/robust/stories.hpp>
 #include <rotavg/robust/strongest.hpp>
@@ -115,16 +116,17 @@ inline std::vector<double> rejected_and_coherent(const std::vector<double>& x,
 ///
 /// 1. Where hardly any edge contradicts, and the noise is small enough to tell, there is but one
 ///    story, and nothing more is done. Nor is it where hardly any of the strongest edges
-///    contradicts (Evidence).
-/// 2. The maximum spanning tree by strength (shared_strongest) is polished. If it tells the same
-///    story, that is it.
+///    contradicts (Evidence), and those that do not agree with one another.
+/// 2. The maximum spanning tree by strength (shared_strongest) is polished, and, where weights
+///    differ, that by the strength which relative weights give. If they tell the same story, that
+///    is it.
 /// 3. While the evidence is not clear, or too much of it speaks against the best answer, to which
-///    no two other starts have led: l1 on the strongest edges alone, the trees by what the
-///    strongest of the strongest share, by weight, by weight and overlap, and by what the strongest
-///    edges say that the best answer rejects.
+///    no two other starts have led: l1 on the strongest edges alone, of either kind, the trees by
+///    relative weight and overlap, by what the strongest of the strongest share, by weight and
+///    overlap, and by what the strongest edges say that the best answer rejects.
 /// 4. What the rejected edges would say, if many of them agree with one another.
 /// 5. All are compared at one scale, the noise of the first, or the smallest if that is coarse. One
-///    takes the place of the first where the voices of the strongest edges clearly prefer it, of
+///    takes the place of the first where relative weights or voices clearly prefer it, of
 ///    several the one that they prefer; what they do not rule out is an alternative.
 ///
 /// @param run that judges residuals in their own units
@@ -159,10 +161,12 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   const bool fits = noise <= coarse && against <= clear_edges * static_cast<double>(m);
   if (fits || !go_on()) return finish();
   const Neighbourhoods neighbourhoods(graph, go_on);
-  const std::vector<double>& weights = run.given();
-  const std::vector<double> overlap = neighbourhoods.overlap(weights);
+  const bool uneven = graph.max_weight() > graph.min_weight();
+  std::vector<double> relative;
+  if (uneven) relative = relative_weights(graph, run.given());
+  const std::vector<double> overlap = neighbourhoods.overlap(run.given());
   const std::vector<double> strength = shared_strongest(graph, neighbourhoods, overlap);
-  const Evidence evidence(graph, strength);
+  const Evidence evidence(graph, strength, relative);
   portfolio.evidence = evidence;
   double voices = 0.0;
   for (const double v : evidence.voices()) voices += v;
@@ -173,11 +177,17 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
     }
     return against_it > clear_voices * voices;
   };
-  if (noise <= coarse && !contradicts(stories[0])) return finish();
+  if (noise <= coarse && !contradicts(stories[0]) &&
+      rejected_and_coherent(stories[0].x, overlap).empty()) {
+    return finish();
+  }
 
   // 2. and 3.
-  std::vector<double> ballots = evidence.voices();  // a node without a strong edge votes, too
-  for (double& ballot : ballots) ballot = 0.5 * ballot + 1e-3;
+  const auto ballots_of = [](std::vector<double> ballots) {  // who has no strong edge votes, too
+    for (double& ballot : ballots) ballot = 0.5 * ballot + 1e-3;
+    return ballots;
+  };
+  std::vector<double> ballots = ballots_of(evidence.voices());
   const double tolerance = step_tolerance(noise);
   std::size_t best = 0;
   int agreeing = 0;  // other starts that have led to the best
@@ -222,7 +232,26 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   const auto attempt_tree = [&](const char* start, const std::vector<double>& key) {
     attempt(start, along_spanning_tree(graph, key));
   };
+  const auto times = [&](std::vector<double> key, const std::vector<double>& shared) {
+    for (std::size_t k = 0; k < m; ++k) key[k] *= shared[k];
+    return key;
+  };
   attempt_tree("the tree of the strongest edges", strength);
+  if (uneven && go_on() && run.ended() == Status::not_run) {
+    const std::vector<double> alike = neighbourhoods.overlap(relative);
+    const std::vector<double> key = shared_strongest(graph, neighbourhoods, alike);
+    const std::vector<double> ends = strongest(graph, key);
+    std::vector<double> others = ballots_of(ends);
+    std::swap(ballots, others);
+    attempt_tree("the tree of the edges strongest for their turn", key);
+    if (doubtful()) {
+      attempt("l1 of the edges strongest for their turn", run.agreed_by(skeleton(graph, ends)));
+    }
+    if (doubtful()) {
+      attempt_tree("the tree by relative weight and overlap", times(relative, alike));
+    }
+    std::swap(ballots, others);
+  }
   if (doubtful()) {
     attempt("l1 of the strongest edges", run.agreed_by(skeleton(graph, evidence.voices())));
   }
@@ -231,13 +260,9 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
     for (int k = 0; k < depth; ++k) deeper = shared_strongest(graph, neighbourhoods, deeper, wider);
     attempt_tree("the tree of the strongest of the strongest", deeper);
   }
-  const bool uneven = graph.max_weight() > graph.min_weight();
   if (uneven && doubtful()) {
-    std::vector<double> both = weights;
-    for (std::size_t k = 0; k < m; ++k) both[k] *= overlap[k];
-    attempt_tree("the tree by weight and overlap", both);
+    attempt_tree("the tree by weight and overlap", times(run.given(), overlap));
   }
-  if (uneven && doubtful()) attempt_tree("the tree by weight", weights);
   for (int k = 0; k < most_rounds && doubtful() && contradicts(stories[best]); ++k) {
     const std::size_t last = best;
     std::vector<double> key = strength;

@@ -112,16 +112,19 @@ class RobustRun {
   Rotations agreed_by(const std::vector<bool>& chosen) {
     constexpr double l1_scale = 0.01, gain = 1e-3;
     constexpr int limit = 20;
-    std::vector<RelativeRotation> measurements;
-    std::vector<double> some_precision;  // precisions: 0 where the loss does not touch an edge
+    std::vector<Index> edges;
+    std::vector<double> some_precision;  // 0 where the loss does not touch an edge
     for (Index k = 0; k < graph_.num_edges(); ++k) {
       const bool trusts = !trusting_.empty() && trusting_[k] == 0.0;
       if (!chosen[k] && !trusts) continue;
-      const Edge& e = graph_.edges()[k];
-      measurements.push_back({graph_.nodes()[e.i], graph_.nodes()[e.j], e.i_from_j(), 1.0});
+      edges.push_back(k);
       some_precision.push_back(trusts ? 0.0 : 1.0);
     }
-    const MeasurementGraph some(measurements, graph_.nodes());
+    const auto measurement = [&](std::size_t k) -> RelativeQuaternion {
+      const Edge e = graph_.edges()[edges[k]];
+      return {graph_.nodes()[e.i], graph_.nodes()[e.j], e.quaternion, 1.0};
+    };
+    const MeasurementGraph some(edges.size(), measurement, graph_.nodes());
     Solution start = solve(some, rough());
     took(start);
     IterationOptions iteration = stage(limit).iteration;

@@ -202,9 +202,9 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   };
   update_residuals();
   robust_weights(given, x, loss, units.precision, run.num_threads(), weights);
-  // What rounding leaves of a proof wants no lighter edges than these.
-  for (std::size_t k = 0; k < x.size(); ++k) {
-    weights[k] = std::max(weights[k], least_weight_share * given[k]);
+  // Of edges that were left out little is left; what rounding leaves of a proof wants no less.
+  for (std::size_t k = 0; k < left_out.size(); ++k) {
+    if (left_out[k]) weights[k] = std::max(weights[k], least_weight_share * given[k]);
   }
   weighted.set_weights(weights);
   Status early = run.ended();
