@@ -1,4 +1,4 @@
-"""Full disks, killed processes, callbacks that raise, threads, and forks."""
+"""Full disks, killed processes, callbacks that raise, threads, forks, and the program's end."""
 
 from __future__ import annotations
 
@@ -222,4 +222,35 @@ def in_a_child():
 )
 def test_a_fork_after_and_during_a_solve(when: str) -> None:
     ended = run("-c", f"import warnings; warnings.simplefilter('ignore')\n{FORK}{when}")
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
+EXIT = """
+import sys, threading, time, rotavg
+graph = rotavg.simulate("band", 20000, noise=0.2, seed=1).graph
+begun = threading.Event()
+endless = dict(max_iterations=10**6, tolerance=0, num_threads=2)
+def work():
+    begun.set()
+    {work}
+for _ in range(2):
+    threading.Thread(target=work, daemon=True).start()
+begun.wait()
+time.sleep(0.5)
+{end}
+"""
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        "rotavg.solve(graph, method='sum', **endless)",
+        "rotavg.solve(graph, method='bcd', callback=lambda progress: None, **endless)",
+        "while True: rotavg.solve(graph, num_threads=2, max_iterations=5)",
+        "while True: rotavg.certify(graph, rotavg.solve(graph, max_iterations=0).rotations)",
+    ],
+)
+@pytest.mark.parametrize("end", ["", "sys.exit(0)"])
+def test_the_program_ends_while_threads_solve(work: str, end: str) -> None:
+    ended = run("-c", EXIT.format(work=work, end=end))
     assert (ended.returncode, ended.stderr) == (0, "")
