@@ -12,6 +12,8 @@
 
 #include <rotavg/types.hpp>
 
+#include "gil.hpp"
+
 namespace rotavg_python {
 
 namespace py = pybind11;
@@ -46,7 +48,7 @@ inline py::array_t<double> from_rotations(const rotavg::Rotations& rotations) {
 /// What f returns, called without the GIL.
 template <typename Function>
 auto without_gil(Function&& f) {
-  const py::gil_scoped_release release;
+  const WithoutGil release;
   return f();
 }
 

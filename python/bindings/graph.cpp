@@ -53,7 +53,7 @@ std::unique_ptr<MeasurementGraph> make_graph(Index num_nodes, const IndexArray& 
     const double sign = inverted ? -1.0 : 1.0;
     return {ends[2 * k], ends[2 * k + 1], {q[3], sign * q[0], sign * q[1], sign * q[2]}, weight[k]};
   };
-  const py::gil_scoped_release release;
+  const WithoutGil release;
   std::vector<rotavg::NodeId> nodes(static_cast<std::size_t>(num_nodes));
   std::iota(nodes.begin(), nodes.end(), rotavg::NodeId{0});
   const auto count = static_cast<std::size_t>(m);
@@ -70,7 +70,7 @@ py::array_t<T> of_edges(const MeasurementGraph& graph, std::vector<py::ssize_t> 
   py::array_t<T> result(std::move(shape));
   T* place = result.mutable_data();
   const py::ssize_t size = result.size() / std::max<py::ssize_t>(graph.num_edges(), 1);
-  const py::gil_scoped_release release;
+  const WithoutGil release;
   for (const rotavg::Edge& e : graph.edges()) {
     write(e, place);
     place += size;
@@ -115,7 +115,7 @@ double connectivity(const MeasurementGraph& graph, Index component) {
   SignalCheck signals;
   double result = 0.0;
   {
-    const py::gil_scoped_release release;
+    const WithoutGil release;
     const rotavg::Components components = rotavg::connected_components(graph);
     result = rotavg::algebraic_connectivity(graph, components, component, signals.keep_going());
   }

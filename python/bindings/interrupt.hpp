@@ -6,6 +6,8 @@
 
 #include <pybind11/pybind11.h>
 
+#include "gil.hpp"
+
 namespace rotavg_python {
 
 /// Lets Ctrl-C end a computation that runs without the GIL. `keep_going` asks Python for pending
@@ -19,7 +21,7 @@ class SignalCheck {
       const auto now = std::chrono::steady_clock::now();
       if (now < next_) return true;
       next_ = now + std::chrono::milliseconds(50);
-      const pybind11::gil_scoped_acquire gil;
+      const WithGil gil;
       if (PyErr_CheckSignals() != 0) error_.emplace();
       return !error_;
     };

@@ -20,9 +20,11 @@ inline rotavg::ProgressCallback calling(const py::function& callback, int iterat
   return [&callback, iterations_before](rotavg::Progress progress) {
     if (progress.iteration == 0 && iterations_before >= 0) return true;
     if (iterations_before > 0) progress.iteration += iterations_before;
-    const py::gil_scoped_acquire gil;
-    const py::object answer = callback(progress);
-    return answer.is_none() || answer.cast<bool>();
+    const WithGil gil;
+    return unless_the_program_ends([&] {
+      const py::object answer = callback(progress);
+      return answer.is_none() || answer.cast<bool>();
+    });
   };
 }
 

@@ -168,7 +168,7 @@ void bind_priors(py::module_& m) {
                                           py::arg("known_rotations"));
   py::class_<GroundedGraph>(m, "GroundedGraph")
       .def(py::init([](const MeasurementGraph& given, const rotavg::Priors& priors) {
-             const py::gil_scoped_release release;
+             const WithoutGil release;
              return GroundedGraph(given, priors);
            }),
            py::keep_alive<1, 2>(), py::arg("given"), py::arg("priors"))

@@ -132,7 +132,7 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
   const bool plain = robust.loss == rotavg::Loss::l2 && cycle_threshold == 0.0 && !excluded;
   rotavg::RigSolution solution;
   {
-    const py::gil_scoped_release release;
+    const WithoutGil release;
     rotavg::RobustSolution& reweighted = solution;
     rotavg::Solution& least_squares = solution;
     if (rigs) {

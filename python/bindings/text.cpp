@@ -8,6 +8,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include "gil.hpp"
 #include "read_lines.hpp"
 #include "write_lines.hpp"
 
@@ -30,7 +31,7 @@ py::array_t<T> joined(Parts& parts, std::size_t kind, std::vector<T> Rows::* mem
                       std::vector<py::ssize_t> shape) {
   py::array_t<T> result(std::move(shape));
   T* to = result.mutable_data();
-  const py::gil_scoped_release release;
+  const WithoutGil release;
   for (Part& part : parts) {
     std::vector<T>& values = part.rows[kind].*member;
     to = std::copy(values.begin(), values.end(), to);
@@ -90,7 +91,7 @@ py::object read(const py::bytes& data, std::int64_t first, std::int64_t skip, ch
   const int threads = rotavg::resolve_num_threads(num_threads);
   Parts parts;
   {
-    const py::gil_scoped_release release;
+    const WithoutGil release;
     parts = read_lines(text + skip, text + size, first, separator, wanted, threads);
   }
   if (parts.empty()) return py::none();
@@ -130,13 +131,13 @@ py::bytes write(const Array<std::int64_t>& integers, const Array<double>& number
   std::vector<std::string> parts;
   std::size_t size = 0;
   {
-    const py::gil_scoped_release release;
+    const WithoutGil release;
     parts = write_lines(table, rows, threads);
     for (const std::string& part : parts) size += part.size();
   }
   py::bytes result(nullptr, size);  // to be filled
   char* to = PyBytes_AS_STRING(result.ptr());
-  const py::gil_scoped_release release;
+  const WithoutGil release;
   for (std::string& part : parts) {
     to = std::copy(part.begin(), part.end(), to);
     std::string().swap(part);

@@ -15,6 +15,7 @@ from rotavg.base.errors import require
 from rotavg.cli.output import print_json, print_text
 from rotavg.cli.progress import NowAndThen
 from rotavg.distributed import DistributedSolution, Round, solve
+from rotavg.io.atomic import make_folder
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -89,6 +90,8 @@ def solve_in_parts(
         **{name: settings[name] for name in ("tolerance", "time_limit", "loss", "seed")},
         "certificate_tolerance": settings["certificate_tolerance"],
     }
+    if output is not None:
+        make_folder(output)  # before the work
     source: Any = input_path if input_path.is_dir() else rotavg.read(input_path)
     with NowAndThen("reading and dividing the graph") as told:
 

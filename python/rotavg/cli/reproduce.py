@@ -12,10 +12,9 @@ from typing import Any, Callable
 import click
 from rich.console import Console
 
-from rotavg.base.errors import FileAccessError
 from rotavg.cli import options
 from rotavg.cli.output import print_json, print_text
-from rotavg.io.atomic import check_writable
+from rotavg.io.atomic import check_writable, make_folder
 from rotavg.reproduce import EXPERIMENTS, Settings, write
 
 _LARGEST = 5000  # nodes; complete graphs of more fill the memory
@@ -79,7 +78,7 @@ def reproduce(names: tuple[str, ...], folder: Path, as_json: bool, **settings: A
       rotavg reproduce table2 fig4 --photographs bundler_sfm/examples
     """
     chosen = _chosen(names, settings["photographs"] is not None)
-    _make(folder)
+    make_folder(folder)
     for name in chosen:
         check_writable(folder / f"{name}.json")
     found = {}
@@ -107,14 +106,6 @@ def _chosen(names: tuple[str, ...], photographs: bool) -> list[str]:
     if missing:
         click.echo(f"left out: {', '.join(missing)}, which need --photographs FOLDER", err=True)
     return [name for name in chosen if name not in missing]
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise FileAccessError(f"cannot be made a folder: {reason}", path=folder) from error
 
 
 @contextmanager

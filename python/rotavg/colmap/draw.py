@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from rotavg.base.errors import FileAccessError, require
 from rotavg.graph.conventions import convert_family
+from rotavg.io import atomic
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -101,7 +103,10 @@ VIEWS = {
 
 
 def save_picture(model: Path, output: Path) -> None:
-    """Draw a model from behind the cameras and from above, to a .png, .pdf or .svg file."""
+    """Draw a model from behind the cameras and from above, to a .png, .pdf or .svg file.
+
+    Raises FileAccessError if the file cannot be written; what was there before is untouched.
+    """
     figures = require("matplotlib.figure", "plot")
     scene = read_scene(model)
     figure: Any = figures.Figure(figsize=(11, 5), layout="constrained")
@@ -109,11 +114,9 @@ def save_picture(model: Path, output: Path) -> None:
         draw(scene, ax, **angles)
         ax.set_title(title)
     figure.suptitle(f"{len(scene.names)} cameras, {len(scene.points)} points")
-    try:
-        figure.savefig(output, dpi=150)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise FileAccessError(f"cannot be written: {reason}", path=output) from error
+    stream = io.BytesIO()
+    figure.savefig(stream, format=output.suffix[1:], dpi=150)
+    atomic.write_files({output: stream.getvalue()})
 
 
 def _upright(world_from_camera: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import weakref
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from rotavg.distributed.network import Network
 from rotavg.distributed.part import Part
 from rotavg.distributed.rounds import Round
+from rotavg.io import atomic
 from rotavg.solving.certificate import Certificate, Verdict
 
 
@@ -102,9 +104,11 @@ class DistributedSolution:
         return nodes[order], np.concatenate([R for _, R in found])[order]
 
     def write(self, folder: Path | str) -> None:
-        """One file part-NNNNN.npz for each part, with `nodes` and `rotations`, by the workers."""
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
+        """One file part-NNNNN.npz for each part, with `nodes` and `rotations`, by the workers.
+
+        Raises FileAccessError if that cannot be; each file is written whole or not touched.
+        """
+        atomic.make_folder(Path(folder))
         self.network.gather(self.network.each(_write, self.rotations, folder=str(folder)))
 
     def __str__(self) -> str:
@@ -130,7 +134,6 @@ def _answer(part: Part, own: NDArray[np.float64]) -> tuple[NDArray[np.int64], ND
 
 
 def _write(part: Part, own: NDArray[np.float64], folder: str) -> None:
-    path = Path(folder) / f"part-{part.number:05d}.npz"
-    temporary = path.with_suffix(".tmp.npz")
-    np.savez(temporary, nodes=part.nodes[: part.num_own], rotations=own)
-    temporary.replace(path)
+    stream = io.BytesIO()
+    np.savez(stream, nodes=part.nodes[: part.num_own], rotations=own)
+    atomic.write_files({Path(folder) / f"part-{part.number:05d}.npz": stream.getvalue()})

@@ -66,6 +66,15 @@ def new_file(path: Path) -> Iterator[Path]:
         raise FileAccessError(f"cannot be written: {reason}", path=path) from error
 
 
+def make_folder(path: Path) -> None:
+    """A folder at `path`, and those above it, where there are none; FileAccessError otherwise."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise FileAccessError(f"cannot be made a folder: {reason}", path=path) from error
+
+
 def check_writable(path: Path) -> None:
     """FileAccessError if it can be told beforehand that `write_files` would fail."""
     folder = Path(os.path.realpath(path)).parent

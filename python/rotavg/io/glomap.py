@@ -11,6 +11,7 @@ directions t have no scale and are not read; written are zeros.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -77,7 +78,8 @@ def write_glomap(path: Path, item: Writable) -> bytes | dict[Path, bytes]:
     pairs = [f"{spell[i]} {spell[j]}" for i, j in graph.edges.tolist()]
     poses = [f"{pair} {row} 0 0 0" for pair, row in zip(pairs, rows)]
     content = "\n".join([*poses, ""]).encode()
-    if (graph.weights == 1).all():
+    # One that is there is another graph's, and would be read with this one.
+    if (graph.weights == 1).all() and not _weight_file(path).exists():
         return content
     weights = [f"{pair} {w!r}" for pair, w in zip(pairs, graph.weights.tolist())]
     return {path: content, _weight_file(path): "\n".join([*weights, ""]).encode()}
@@ -102,11 +104,17 @@ def _weights(file: Path, edges: IdArray) -> tuple[NDArray[np.float64] | None, tu
         if weight != 0 and not 1e-100 <= weight <= 1e100:
             message = f"found the weight {weight:g}, expected 0 or one from 1e-100 to 1e100"
             raise FormatError(message, path=file, line=line)
-    known: dict[frozenset[str], float] = {}
+    known: dict[frozenset[str], list[float]] = {}
     fields = [name.decode(errors="replace") for name in names]
     for i, j, weight in zip(fields[::2], fields[1::2], table[:, 0].tolist()):
-        known[frozenset((i, j))] = weight
-    found = [known.get(frozenset(map(str, edge))) for edge in edges.tolist()]
+        known.setdefault(frozenset((i, j)), []).append(weight)
+    pairs = [frozenset(map(str, edge)) for edge in edges.tolist()]
+    for pair, times in Counter(pairs).items():
+        # Parallel edges have a line each, in their order; otherwise the last line is that of all.
+        if pair in known and len(known[pair]) != times:
+            known[pair] = known[pair][-1:] * times
+    left = {pair: iter(weights) for pair, weights in known.items()}
+    found = [next(left[pair]) if pair in left else None for pair in pairs]
     missing = found.count(None)
     note = (f"{missing} pairs that are not in {file.name} weigh 1",) if missing else ()
     weights = np.array([1.0 if weight is None else weight for weight in found])

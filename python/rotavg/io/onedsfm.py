@@ -92,6 +92,9 @@ def write_onedsfm(path: Path, item: Writable) -> dict[Path, bytes]:
     assert isinstance(item, MeasurementGraph)
     graph = item
     named = graph.nodes.dtype.kind == "U"
+    if not named and path.with_name("list.txt").exists():
+        found = "found a list.txt beside it, which names the nodes of another graph"
+        raise FormatError(f"{found}, expected none: this one's are numbers", path=path)
     ids = graph.indices if named else graph.edges
     nodes = range(graph.num_nodes) if named else graph.nodes.tolist()
     files = {"cc.txt": [str(node) for node in nodes]}

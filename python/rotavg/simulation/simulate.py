@@ -11,11 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotavg.base.arrays import as_floats
 from rotavg.base.errors import GraphError
+from rotavg.base.memory import check_memory
 from rotavg.graph.conventions import matrices_from_quaternions, matrices_from_rotvecs
 from rotavg.graph.known_rotations import KnownRotations
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.translations import RelativeTranslations
 from rotavg.simulation import topology
+
+# As measured, at most at a time: rotations, noise and their products, the graph; positions.
+_BYTES_PER_EDGE = 350
+_BYTES_PER_NODE = 400
 
 KINDS = ("complete", "erdos_renyi", "cycle", "grid", "sphere", "band")
 
@@ -85,7 +90,8 @@ def simulate(
         seed: of NumPy's PCG64.
 
     Raises:
-        GraphError: an argument out of range, or more edges to drop than can be spared.
+        GraphError: an argument out of range, more edges to drop than can be spared, or more nodes
+            and edges than this machine's memory holds.
     """
     own = None if isinstance(kind, str) else _own_edges(kind, n)
     _check(kind if isinstance(kind, str) else "edges", n, noise, seed)
@@ -99,6 +105,12 @@ def simulate(
             raise GraphError(f"{name} is {fraction}, expected a fraction in [0, 1]")
     if not isinstance(outlier_clusters, (int, np.integer)) or outlier_clusters < 0:
         raise GraphError(f"outlier_clusters is {outlier_clusters!r}, expected an integer >= 0")
+    count = topology.num_edges(str(kind), n, density) if own is None else float(len(own))
+    check_memory(
+        f"{n} nodes and {count:.3g} edges",
+        _BYTES_PER_EDGE * count + _BYTES_PER_NODE * n,
+        GraphError,
+    )
     rng = np.random.Generator(np.random.PCG64(seed))
 
     positions = frames = None

@@ -13,6 +13,15 @@ Vectors = NDArray[np.float64]
 _BAND_WIDTH = 9
 
 
+def num_edges(kind: str, n: int, density: float) -> float:
+    """About how many edges the graph of this kind has."""
+    per_node = {"cycle": 1.0, "grid": 3.0, "sphere": 2.0, "band": float(_BAND_WIDTH)}
+    if kind in per_node:
+        return per_node[kind] * n
+    pairs = 0.5 * n * (n - 1)
+    return pairs if kind == "complete" else density * pairs + n
+
+
 def complete(n: int) -> Edges:
     """All pairs i < j."""
     return np.column_stack(np.triu_indices(n, 1))

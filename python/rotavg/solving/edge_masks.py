@@ -29,7 +29,7 @@ def edge_mask(
                 f"{name} has shape {given.shape}; expected ({graph.num_edges},), one for each "
                 "edge, or pairs of nodes (k, 2)"
             )
-        return given
+        return np.ascontiguousarray(given)  # as the core reads it
     if given.size == 0:
         return np.zeros(graph.num_edges, dtype=np.bool_)
     pairs = as_ids(edges, name)

@@ -295,7 +295,7 @@ class Online:
         given = np.asarray(trusted)
         if given.dtype != np.bool_ or given.shape != (len(ids),):
             raise GraphError(f"trusted has shape {given.shape}, expected booleans ({len(ids)},)")
-        return given
+        return np.ascontiguousarray(given)  # as the core reads it
 
 
 def _edge_numbers(edges: ArrayLike) -> NDArray[np.int32]:

@@ -9,11 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
 from rotavg.base.errors import GraphError, OptionError, SolverError
+from rotavg.base.memory import check_memory
 from rotavg.graph.covariances import information, precision_of_weight_one
 from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.grounded import Grounded
 from rotavg.solving.robust import RobustFit
+
+_BYTES_PER_PAIR = 250  # at most at a time: the pairs, the core's result and the one in its frame
 
 Frame = Literal["world", "node"]
 
@@ -49,6 +52,9 @@ def covariances(
     """See `Solution.covariances`."""
     if frame not in ("world", "node"):
         raise OptionError(f"frame is {frame!r}, expected 'world' or 'node'")
+    if pairs is not None:
+        count = len(pairs) if isinstance(pairs, np.ndarray) else 0
+        check_memory(f"the covariances of {count} pairs", _BYTES_PER_PAIR * count, SolverError)
     rows = None if pairs is None else _rows(solution, pairs)
     graph, grounded = solution.graph, solution.grounded
     if solution.robust is not None:
