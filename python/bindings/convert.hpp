@@ -20,6 +20,7 @@ namespace py = pybind11;
 
 using DoubleArray = py::array_t<double, py::array::c_style | py::array::forcecast>;
 using IndexArray = py::array_t<rotavg::Index, py::array::c_style | py::array::forcecast>;
+using Mask = py::array_t<bool, py::array::c_style | py::array::forcecast>;
 
 inline rotavg::Rotations to_rotations(const DoubleArray& array, const char* name) {
   if (array.ndim() != 3 || array.shape(1) != 3 || array.shape(2) != 3) {

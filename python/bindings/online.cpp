@@ -31,8 +31,7 @@ rotavg::Online make_online(double tolerance, double certificate_tolerance, const
 
 py::array_t<rotavg::Index> add(rotavg::Online& online, const IdArray& ends,
                                const DoubleArray& rotations, const DoubleArray& weights,
-                               const std::optional<py::array_t<bool>>& trusted,
-                               const IdArray& nodes) {
+                               const std::optional<Mask>& trusted, const IdArray& nodes) {
   const rotavg::Rotations R = to_rotations(rotations, "rotations");
   std::vector<rotavg::RelativeRotation> edges;
   for (std::size_t k = 0; k < R.size(); ++k) {

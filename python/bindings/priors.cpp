@@ -29,8 +29,6 @@ using rotavg::MeasurementGraph;
 
 using IdArray = py::array_t<rotavg::NodeId, py::array::c_style | py::array::forcecast>;
 
-using Mask = py::array_t<bool, py::array::c_style | py::array::forcecast>;
-
 std::vector<bool> to_mask(const Mask& mask) {
   return std::vector<bool>(mask.data(), mask.data() + mask.size());
 }

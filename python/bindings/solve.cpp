@@ -81,7 +81,7 @@ py::dict rigs_dict(const rotavg::RigEstimate& rigs) {
                   py::arg("lower_bound") = rigs.lower_bound);
 }
 
-std::vector<bool> to_mask(const std::optional<py::array_t<bool>>& mask) {
+std::vector<bool> to_mask(const std::optional<Mask>& mask) {
   if (!mask) return {};
   return std::vector<bool>(mask->data(), mask->data() + mask->size());
 }
@@ -99,9 +99,8 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
                std::uint64_t certificate_seed, double certificate_max_flops,
                const std::optional<py::function>& callback, const std::string& loss,
                double loss_scale, double cycle_threshold, int min_cycles,
-               const std::string& weight_kind, const std::optional<py::array_t<bool>>& trusted,
-               const std::optional<py::array_t<bool>>& excluded,
-               const std::optional<DoubleArray>& edge_scales,
+               const std::string& weight_kind, const std::optional<Mask>& trusted,
+               const std::optional<Mask>& excluded, const std::optional<DoubleArray>& edge_scales,
                const std::optional<DoubleArray>& initial_weights, bool robust_priors,
                const rotavg::GroundedGraph* priors, bool start_is_solution,
                const rotavg::Rigs* rigs, const rotavg::Priors* rig_priors) {

@@ -55,10 +55,10 @@ inline std::optional<OtherRoot> rooted_in_the_middle(const std::vector<Supernode
   }
   if (paths.empty()) return std::nullopt;
 
-  struct Clique {
+  struct Bag {
     std::vector<Index> columns, below;
   };
-  std::vector<Clique> cliques;  // an order in which they can be eliminated
+  std::vector<Bag> cliques;  // an order in which they can be eliminated
   for (Index s = 0; s < num_supernodes; ++s) {
     if (on_path[s]) continue;
     cliques.push_back({{}, supernodes[s].below});
@@ -73,7 +73,7 @@ inline std::optional<OtherRoot> rooted_in_the_middle(const std::vector<Supernode
       for (const Index row : supernodes[s].below) f(row);
     };
     for (std::size_t k = 0; k < path.size(); ++k) {
-      Clique clique;
+      Bag clique;
       const Index next = k + 1 < path.size() ? path[k + 1] : -1;
       if (next >= 0) for_each_row(next, [&](Index row) { last_clique[row] = next; });
       for_each_row(path[k], [&](Index row) {
