@@ -179,3 +179,16 @@ def test_what_is_not_a_rotation_is_refused() -> None:
     graph = rotavg.simulate("cycle", 4).graph
     with pytest.raises(rotavg.GraphError, match="node 0 is not a rotation"):
         rotavg.certify(graph, -np.tile(np.eye(3), (4, 1, 1)))
+
+
+def test_solutions_and_dicts_have_rotations_by_id() -> None:
+    graph = rotavg.simulate("erdos_renyi", 20, density=0.4, noise=0.1, seed=1).graph
+    solution = rotavg.solve(graph)
+    other = rotavg.MeasurementGraph(graph.edges, graph.rotations, nodes=graph.nodes[::-1])
+    for rotations in (solution, dict(solution.items())):
+        assert rotavg.certify(other, rotations).verdict == "proved"
+        assert np.abs(rotavg.gradient(other, rotations)).max() < 1e-6
+        assert rotavg.objective(other, rotations) == pytest.approx(solution.objective)
+    assert rotavg.certify(other, solution.rotations).verdict != "proved"
+    with pytest.raises(rotavg.GraphError, match="there is none of node 19"):
+        rotavg.certify(other, {0: np.eye(3)})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Literal, TypeVar, Union
 
 import numpy as np
@@ -12,6 +12,7 @@ from rotavg import _core
 from rotavg.base.arrays import as_floats, read_only
 from rotavg.base.errors import GraphError, OptionError, SolverError
 from rotavg.graph.covariances import precision_of_weight_one
+from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.grounded import ground
 from rotavg.priors.priors import Priors
@@ -27,6 +28,7 @@ from rotavg.solving.anisotropic import (
 from rotavg.solving.certificate import Certificate, certificate_from_core
 from rotavg.solving.edge_masks import edge_mask, edge_values
 from rotavg.solving.gauge import in_mean_gauge
+from rotavg.solving.online import OnlineSolution
 from rotavg.solving.robust import Loss, RobustFit
 from rotavg.solving.solution import Interrupted, Solution
 from rotavg.solving.status import Status, Timings, Trace
@@ -48,6 +50,9 @@ Gauge = Literal["first", "mean"]
 WeightKind = Literal["auto", "precision", "frequency"]
 Progress = _core.Progress
 Callback = Callable[[Progress], Union[bool, None]]
+
+# Rows as in the nodes of a graph, or a rotation for each of their ids.
+NodeRotations = Union[ArrayLike, Solution, OnlineSolution, Mapping[Any, NDArray[np.float64]]]
 
 _Result = TypeVar("_Result")
 
@@ -323,7 +328,7 @@ def _known_edges(
 
 def certify(
     graph: MeasurementGraph,
-    rotations: ArrayLike,
+    rotations: NodeRotations,
     *,
     priors: Priors | None = None,
     anisotropic: bool = False,
@@ -338,7 +343,8 @@ def certify(
 
     Args:
         graph: the measurements.
-        rotations: (n, 3, 3) world_from_node, rows as in `graph.nodes`. They need not be stationary.
+        rotations: (n, 3, 3) world_from_node, rows as in `graph.nodes`; or a solution or a dict,
+            which have them by id. They need not be stationary.
         priors: what is known beforehand: then the rotations are in the world of the priors, and the
             bound is that of the problem with them.
         anisotropic: whether for the objective with the full covariances of the graph (see `solve`).
@@ -383,13 +389,13 @@ def certify(
     return certificate
 
 
-def objective(graph: MeasurementGraph, rotations: ArrayLike) -> float:
-    """Objective (3), sum of w |R_i R_ij - R_j|_F^2, at rotations (n, 3, 3) world_from_node."""
+def objective(graph: MeasurementGraph, rotations: NodeRotations) -> float:
+    """Objective (3), sum of w |R_i R_ij - R_j|_F^2, at rotations as `certify` takes them."""
     return _call_core(graph, _core.objective, _node_rotations(graph, rotations, "rotations"))
 
 
-def gradient(graph: MeasurementGraph, rotations: ArrayLike) -> NDArray[np.float64]:
-    """Riemannian gradient (n, 3) of the objective (3) at rotations (n, 3, 3) world_from_node.
+def gradient(graph: MeasurementGraph, rotations: NodeRotations) -> NDArray[np.float64]:
+    """Riemannian gradient (n, 3) of the objective (3) at rotations as `certify` takes them.
 
     Row i is the derivative along R_i <- exp([w]) R_i with respect to w (radians) at w = 0.
     """
@@ -414,8 +420,20 @@ def _call_core(
 
 
 def _node_rotations(
-    graph: MeasurementGraph, rotations: ArrayLike, name: str
+    graph: MeasurementGraph, rotations: NodeRotations, name: str
 ) -> NDArray[np.float64]:
+    """(n, 3, 3) in the order of the graph's nodes."""
     if not isinstance(graph, MeasurementGraph):
         raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
-    return as_floats(rotations, (graph.num_nodes, 3, 3), name)
+    if isinstance(rotations, (Solution, OnlineSolution)):
+        ids, given = rotations.nodes, rotations.rotations
+    elif isinstance(rotations, Mapping):
+        ids = as_ids(list(rotations), f"the ids of {name}")
+        given = as_floats(list(rotations.values()), (len(ids), 3, 3), name)
+    else:
+        return as_floats(rotations, (graph.num_nodes, 3, 3), name)
+    rows = rows_of(graph.nodes, ids)
+    if (rows < 0).any():
+        missing = graph.nodes[np.argmin(rows)].item()
+        raise GraphError(f"{name}: there is none of node {missing!r}, expected one of every node")
+    return given[rows]
