@@ -106,9 +106,10 @@ def test_gravity_and_absolute_priors_are_solved_and_proved(seed: int) -> None:
 
 def test_priors_of_nodes_that_are_held_are_constants() -> None:
     graph, priors, truth = graph_with_priors(1)
+    held = next(node for node in priors.gravity if node not in priors.absolute)
     both = rotavg.Priors(
-        fixed={0: truth[0], 3: truth[3]},
-        absolute={3: (truth[4], 5.0), **priors.absolute},
+        fixed={node: truth[node] for node in {0, held} - set(priors.absolute)},
+        absolute=priors.absolute,
         gravity=priors.gravity,
     )
     solution = rotavg.solve(graph, anisotropic=True, priors=both)

@@ -82,13 +82,24 @@ def read_known_edges(
     return {"trusted": trust, "excluded": leave_out}
 
 
+def _is_integer(text: str) -> bool:
+    """Whether a field is the id of a node that is a number."""
+    try:
+        int(text)
+    except ValueError:
+        return False
+    return True
+
+
 def _mask(graph: rotavg.MeasurementGraph, path: Path, column: str) -> NDArray[np.bool_]:
     pairs: list[tuple[Any, Any]] = list(read_edge_list(path, column))
     if graph.nodes.dtype.kind != "U":
         try:
             pairs = [(int(i), int(j)) for i, j in pairs]
-        except ValueError as error:
-            raise rotavg.FormatError(f"the nodes are numbers; {error}", path=path) from None
+        except ValueError:
+            i, j = next(pair for pair in pairs if not all(map(_is_integer, pair)))
+            found = f"found an edge between {i!r} and {j!r}, but the nodes of the graph are numbers"
+            raise rotavg.FormatError(found, path=path) from None
     try:
         mask = edge_mask(graph, "it", pairs)
     except rotavg.GraphError as error:

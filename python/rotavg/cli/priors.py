@@ -127,7 +127,8 @@ def _of_nodes(
     graph: rotavg.MeasurementGraph, path: Path, ids: IdArray, values: Any
 ) -> dict[Any, Any]:
     if len(ids) == 0:
-        raise rotavg.FormatError("the file is empty, expected what is known of nodes", path=path)
+        found = "the file says nothing of nodes (of a database: its table pose_priors is empty)"
+        raise rotavg.FormatError(f"{found}, expected what is known of them", path=path)
     rows = rows_of(ids, graph.nodes)
     here = rows >= 0
     if not here.any():

@@ -325,6 +325,11 @@ def _advice(scaled: NDArray[np.float64], wild: float) -> str | None:
     if len(scaled) < 20:
         return None
     noise = max(float(np.median(scaled)) / 0.6745, 1e-6)
+    if 3 * noise > np.pi:
+        return (
+            "most measurements contradict one another, as if they were random: are they in the "
+            "other convention, or their columns in another order?"
+        )
     beyond = float(np.mean(scaled > 3 * noise))
     if beyond <= 0.02 and wild <= 0.01:
         return None
