@@ -325,17 +325,14 @@ def _advice(scaled: NDArray[np.float64], wild: float) -> str | None:
     if len(scaled) < 20:
         return None
     noise = max(float(np.median(scaled)) / 0.6745, 1e-6)
-    if 3 * noise > np.pi:
-        return (
-            "most measurements contradict one another, as if they were random: are they in the "
-            "other convention, or their columns in another order?"
-        )
     beyond = float(np.mean(scaled > 3 * noise))
-    if beyond <= 0.02 and wild <= 0.01:
+    if beyond <= 0.02 and wild <= 0.01 and 3 * noise <= np.pi:
         return None
-    found = (
-        f"{100 * beyond:.2g} % lie beyond 3 times their noise of {np.degrees(noise):.2g} deg"
-        if beyond > 0.02
-        else f"{100 * wild:.2g} % lie beyond 90 deg"
-    )
+    if 3 * noise > np.pi:  # no angle of noise; the median is
+        found = f"half of them lie beyond {np.degrees(min(np.median(scaled), np.pi)):.2g} deg"
+    elif beyond > 0.02:
+        degrees = np.degrees(noise)
+        found = f"{100 * beyond:.2g} % lie beyond 3 times their noise of {degrees:.2g} deg"
+    else:
+        found = f"{100 * wild:.2g} % lie beyond 90 deg"
     return f'{found}: a robust loss (loss="auto", --loss auto) resists them'
