@@ -1,4 +1,5 @@
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include <doctest/doctest.h>
@@ -111,4 +112,28 @@ TEST_CASE("it stops when it is told to") {
   options.keep_going = {};
   options.max_iterations = 10;
   CHECK_FALSE(smallest_ritz_value(apply, anywhere, vector(random, 60), options).converged);
+}
+
+TEST_CASE("Lanczos' method stops where the value is known to be below what is asked for") {
+  Random random;
+  INFO(random.replay());
+  const Eigen::MatrixXd A = symmetric(random, 200);
+  int products = 0;
+  const auto apply = [&](const Eigen::VectorXd& x) -> Eigen::VectorXd {
+    ++products;
+    return A * x;
+  };
+  const Eigen::VectorXd start = vector(random, 200);
+  LanczosOptions options;
+  options.relative_tolerance = 1e-10;
+  const double smallest = smallest_ritz_value(apply, anywhere, start, options).value;
+  const int all = std::exchange(products, 0);
+  options.enough = 0.5 * smallest;  // of a negative value: far above
+  const RitzValue early = smallest_ritz_value(apply, anywhere, start, options);
+  CHECK(early.value < options.enough);
+  CHECK(early.value >= smallest - 1e-9 * std::abs(smallest));
+  CHECK(products < all / 2);
+  options.enough = 2.0 * smallest;  // never met
+  CHECK(smallest_ritz_value(apply, anywhere, start, options).value ==
+        doctest::Approx(smallest).epsilon(1e-9));
 }

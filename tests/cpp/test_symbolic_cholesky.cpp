@@ -229,6 +229,37 @@ TEST_CASE("the multiplications of an order are those of its elimination, or a fe
   }
 }
 
+TEST_CASE("the nodes' own order is bounded by its envelope, and taken where that is less work") {
+  Random random;
+  INFO(random.replay());
+  for (int k = 0; k < 100; ++k) {
+    const Index n = 2 + random.below(60);
+    const BlockPattern pattern =
+        pattern_of(n, test::random_connected(random, n, random.below(2 * n)));
+    const EliminationOrder order = natural_order(pattern);
+    CAPTURE(n);
+    REQUIRE(order.node == numbers(n));
+    const auto rows = rows_of_factor(pattern, order.node);
+    double nonzeros = 0.0;
+    for (const auto& below : rows) nonzeros += static_cast<double>(below.size());
+    REQUIRE(order.multiplications >= multiplications_of(rows));
+    REQUIRE(order.nonzeros >= nonzeros);
+    const double by_degree = approximate_minimum_degree(pattern).multiplications;
+    REQUIRE(elimination_order(pattern).multiplications ==
+            std::min(by_degree, order.multiplications));
+  }
+  // A video: each frame joined to the next, and to nine of the sixty behind it.
+  test::Pairs pairs = test::path(2000);
+  for (Index i = 0; i + 61 < 2000; ++i) {
+    for (int e = 0; e < 9; ++e) pairs.emplace_back(i, i + 2 + random.below(59));
+  }
+  const BlockPattern band = pattern_of(2000, pairs);
+  CHECK(elimination_order(band).node == numbers(2000));
+  CHECK(elimination_order(band).multiplications <
+        0.7 * approximate_minimum_degree(band).multiplications);
+  CHECK(natural_order({}).node.empty());
+}
+
 TEST_CASE("columns of the factor are counted as elimination fills them, in any order") {
   Random random;
   INFO(random.replay());

@@ -108,7 +108,7 @@ inline ComponentBound bound_component(EdgeSplits& splits, const Components& comp
   constexpr double usual_mu = 1e-6, large_mu = 1e-3, kappa = 0.5;
   const double max_flops = options.max_factorization_flops;
   const auto is_possible = [max_flops](Elimination& of) {
-    return of.flops(3, max_flops) <= max_flops && of.factor_bytes(3) <= available_memory();
+    return of.flops(3, max_flops) <= max_flops && has_memory_for(of.factor_bytes(3));
   };
   const auto stopped = [&] { return options.keep_going && !options.keep_going(); };
   const bool can_factorize = is_possible(elimination);

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <algorithm>
+#include <limits>
+#include <new>
 #include <optional>
 
 #include <rotavg/certify/bound.hpp>
@@ -59,7 +61,7 @@ class ComponentBounds {
     std::optional<RandomStart> random_start;
     if (options_.failure_probability > 0.0 && ends_ > large && !elimination_.has_order()) {
       random_start.emplace(S_, q_, random_start_options());
-      if (separator_flops(random_start->theta()) > worth_certainty * by_products) {
+      if (random_start->theta_exceeds(theta_of_separator(worth_certainty * by_products))) {
         const ComponentBound bound = by_random_start(*random_start);
         if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
       }
@@ -68,13 +70,14 @@ class ComponentBounds {
     const double limit =
         std::min(options_.max_factorization_flops, std::max(quick, worth_certainty * by_products));
     if (by_connectivity <= limit && by_factor > std::max(4.0 * by_connectivity, quick) &&
-        by_connectivity * sizeof(double) * 3.0 / S_.num_nodes() <= available_memory()) {
+        has_memory_for(by_connectivity * sizeof(double) * 3.0 / S_.num_nodes())) {
       const ComponentBound bound = Connectivity(S_).bound_by_factorization(options_.keep_going);
       if (is_enough(bound)) return bound;
     }
-    const bool can_factorize = by_factor <= options_.max_factorization_flops && fits();
+    bool can_factorize = by_factor <= options_.max_factorization_flops && fits();
     if (can_factorize && by_factor <= std::max(quick, worth_certainty * by_products)) {
-      return factorized();
+      if (const auto bound = factorized()) return *bound;
+      can_factorize = false;
     }
     ComponentBound bound;
     if (options_.failure_probability > 0.0) {
@@ -83,7 +86,9 @@ class ComponentBounds {
       bound = by_random_start(*random_start);
       if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
     }
-    if (can_factorize) return factorized();
+    if (can_factorize) {
+      if (const auto by_factorization = factorized()) return *by_factorization;
+    }
     if (bound.method != CertificateMethod::none) return bound;
     return bound_by_eigenvalue(S_, options_.keep_going, few_iterations);
   }
@@ -104,9 +109,18 @@ class ComponentBounds {
   /// would depend on it.)
   double cost(double products) const { return 75.0 * products * ends_; }
 
-  bool fits() const { return elimination_.factor_bytes(3) <= available_memory(); }
+  bool fits() const { return has_memory_for(elimination_.factor_bytes(3)); }
 
-  ComponentBound factorized() {
+  /// Nothing where the memory is not there after all: others use it, too.
+  std::optional<ComponentBound> factorized() {
+    try {
+      return by_factorization();
+    } catch (const std::bad_alloc&) {
+      return std::nullopt;
+    }
+  }
+
+  ComponentBound by_factorization() {
     const auto& keep_going = options_.keep_going;
     DefiniteFactorization proof(S_, elimination_, resolution_, noise_, gravity_);
     auto outcome = proof.factorize(keep_going);
@@ -121,12 +135,12 @@ class ComponentBounds {
                                           elimination_.num_threads());
   }
 
-  /// Operations that a factorisation takes at least, about, by what M says of the graph: with a
+  /// Where theta is above this, a factorisation takes more than so many operations, about: with a
   /// second eigenvalue lambda of the Laplacian, the largest front has 3/4 n lambda / (Delta + 2
   /// lambda) nodes (the treewidth; Chandran and Subramanian 2003).
-  double separator_flops(double theta) const {
-    const double front = 0.75 * S_.num_nodes() * theta / (1.0 + 2.0 * theta);
-    return theta > 0.0 ? 27.0 * Connectivity::flops(front) : 0.0;
+  double theta_of_separator(double flops) const {
+    const double share = Connectivity::nodes(flops / 27.0) / (0.75 * S_.num_nodes());
+    return share < 0.5 ? share / (1.0 - 2.0 * share) : std::numeric_limits<double>::infinity();
   }
 
   RandomStartOptions random_start_options() const {

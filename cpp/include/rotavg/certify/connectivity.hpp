@@ -90,6 +90,8 @@ class Connectivity {
 
   /// Operations that bound_by_factorization() takes.
   static double flops(double n) { return n * n * n / 3.0; }
+  /// So many nodes take so many operations.
+  static double nodes(double flops) { return std::cbrt(3.0 * flops); }
 
   /// By one dense n x n Cholesky factorisation of L - diag(d + r) + c 1 1^T - l I.
   ///

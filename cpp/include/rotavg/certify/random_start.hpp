@@ -83,6 +83,14 @@ class RandomStartOf {
     return theta_;
   }
 
+  /// Whether that is above `bound`. To know that it is not takes few products.
+  bool theta_exceeds(double bound) {
+    if (!std::isnan(theta_)) return theta_ > bound;
+    const double value = estimate(bound);
+    if (value > bound) theta_ = value;
+    return value > bound;
+  }
+
   Result operator()() {
     Result result = with_estimate(theta());
     // Where |y| grew, tau was too large, and y tells by how much.
@@ -142,7 +150,8 @@ class RandomStartOf {
     return (4.5 * rounding_ + 100.0 * unit_roundoff) * length;
   }
 
-  double estimate() {
+  /// @param enough what is below this need not be known any better
+  double estimate(double enough = -std::numeric_limits<double>::infinity()) {
     const OperatorOf<1> single(operator_);
     using Single = typename OperatorOf<1>::Vectors;
     const Index n = single.num_nodes();
@@ -177,6 +186,7 @@ class RandomStartOf {
     LanczosOptions lanczos;
     lanczos.relative_tolerance = 0.5;
     lanczos.min_iterations = 10;
+    lanczos.enough = enough;
     lanczos.max_iterations = static_cast<int>(
         std::min({0.25 * options_.max_products, 500.0, double(single.dimension())}));
     lanczos.num_threads = num_threads;

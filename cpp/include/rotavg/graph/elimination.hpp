@@ -56,7 +56,7 @@ class Elimination {
       const double q = num_entries();
       const double lower_bound = 0.5 * operations * q * q / size();
       if (lower_bound > limit) return lower_bound;
-      order_ = approximate_minimum_degree(pattern());
+      order_ = elimination_order(pattern());
     }
     return operations * order_->multiplications;
   }
@@ -68,7 +68,7 @@ class Elimination {
   /// fronts that wait, and the matrix.
   double factor_bytes(int B) {
     if (size() == 0) return 0.0;
-    if (!order_) order_ = approximate_minimum_degree(pattern());
+    if (!order_) order_ = elimination_order(pattern());
     constexpr double fronts = 1.5;
     const double blocks =
         fronts * order_->nonzeros + size() + static_cast<double>(pattern().row.size());
@@ -82,7 +82,7 @@ class Elimination {
 
   std::shared_ptr<const SymbolicCholesky> symbolic() {
     if (!symbolic_) {
-      if (!order_) order_ = approximate_minimum_degree(pattern());
+      if (!order_) order_ = elimination_order(pattern());
       symbolic_ = std::make_shared<SymbolicCholesky>(pattern(), *order_);
     }
     return symbolic_;

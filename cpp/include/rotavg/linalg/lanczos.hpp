@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 #include <functional>
+#include <limits>
 #include <vector>
 
 #include <Eigen/Core>
@@ -73,6 +74,7 @@ struct LanczosOptions {
   double relative_tolerance = 0.1;  ///< stop at residual <= relative_tolerance |value|
   int min_iterations = 20;          ///< a start may look converged by accident
   int max_iterations = 1000;
+  double enough = -std::numeric_limits<double>::infinity();  ///< stop where the value is below
   int num_threads = 1;
   std::function<bool()> keep_going;  ///< asked every iteration; false stops
 };
@@ -111,7 +113,7 @@ RitzValue smallest_ritz_value(Operator&& apply, Projection&& project, Eigen::Vec
       result.value = eigen.value;
       result.residual = std::abs(b * eigen.last_entry);
       result.converged = result.residual <= options.relative_tolerance * std::abs(result.value);
-      if (result.converged || exhausted) break;
+      if (result.converged || exhausted || result.value < options.enough) break;
     }
     beside.push_back(b);
     last.swap(q);

@@ -44,7 +44,7 @@ class SemidefiniteRelaxation {
       std::ostringstream message;
       message.precision(3);
       message << "the semidefinite relaxation of " << n << " nodes is a dense matrix of "
-              << bytes * 1e-9 << " GB, and this machine has " << available * 1e-9 << " GB";
+              << bytes * 1e-9 << " GB, and this process may have " << available * 1e-9 << " GB";
       throw TooLarge(message.str());
     }
     Y_.resize(3 * Eigen::Index{n}, 3 * Eigen::Index{n});

@@ -94,7 +94,7 @@ class SolveRun {
 
   /// No linear system of a start, nor of the staircase, takes more operations to factorise.
   double max_start_flops() const {
-    constexpr double limit = 5e10;
+    constexpr double limit = 3e11;  // a minute
     return std::min(limit, options_.certificate.max_factorization_flops);
   }
 
@@ -126,14 +126,20 @@ class SolveRun {
     return shortest_path_init(graph_);
   }
 
+  /// Where an initial value comes from.
+  enum class Origin {
+    given,      ///< the caller
+    automatic,  ///< the choice is left to us: where Newton's method wanders, it may be the chordal
+    other,
+  };
+
   /// From one initial value: solved, gauge fixed, certified; where the method is left to choose,
   /// with the steps that the proof needs.
   /// @param solution what it holds of earlier runs, such as their timings, stays or is added to
-  /// @param given whether R is the caller's
-  void from(const Rotations& R, Method method, Solution& solution, bool given = false) {
+  void from(const Rotations& R, Method method, Solution& solution, Origin origin = Origin::other) {
     const double before = watch_.seconds();
     solution.method = method;
-    static_cast<IterationResult&>(solution) = iterate(R, method, given, solution);
+    static_cast<IterationResult&>(solution) = iterate(R, method, origin, solution);
     iterations_ += solution.iterations;
     solution.certificate = Certificate{};  // an older one is of other rotations
     solution.components = components_;
@@ -183,7 +189,7 @@ class SolveRun {
 
   double time_left() const { return options_.iteration.time_limit - watch_.seconds(); }
 
-  IterationResult iterate(const Rotations& R, Method method, bool given, Solution& solution) {
+  IterationResult iterate(const Rotations& R, Method method, Origin origin, Solution& solution) {
     const IterationOptions limits = this->limits();
     switch (method) {
       case Method::bcd:
@@ -199,8 +205,22 @@ class SolveRun {
       case Method::staircase:
         break;
     }
-    return solve_automatically(graph_, eliminations_, R, limits, given, solution.method,
-                               solution.reason);
+    OtherStart chordal{[this]() -> std::optional<Rotations> {
+      Initialization used;
+      Rotations start = initial_value(Initialization::chordal, used);
+      if (used != Initialization::chordal) return std::nullopt;
+      // As it comes, the noise of every node is still in it.
+      IterationOptions sweeps;
+      sweeps.max_iterations = 3;
+      sweeps.num_threads = options_.iteration.num_threads;
+      sweeps.keep_going = keep_going_;
+      return bcd(graph_, start, sweeps).rotations;
+    }};
+    IterationResult result = solve_automatically(
+        graph_, eliminations_, R, limits, origin == Origin::given, solution.method, solution.reason,
+        origin == Origin::automatic ? &chordal : nullptr);
+    if (chordal.is_used) solution.init = Initialization::chordal;
+    return result;
   }
 
   const MeasurementGraph& graph_;

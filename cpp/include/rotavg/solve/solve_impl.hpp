@@ -155,8 +155,13 @@ inline Solution solve(SolveRun& run, std::optional<Rotations> start) {
   if (options.method == Method::staircase) {
     detail::climb_from(run, R, solution);
   } else {
-    run.from(R, options.method, solution, given);
-    if (automatic && !given && options.init == Initialization::automatic &&
+    const bool chosen = !given && options.init == Initialization::automatic;
+    using Origin = SolveRun::Origin;
+    run.from(R, options.method, solution,
+             given    ? Origin::given
+             : chosen ? Origin::automatic
+                      : Origin::other);
+    if (automatic && chosen && solution.init != Initialization::chordal &&
         detail::is_refuted(run, solution)) {
       detail::try_chordal_start(run, solution);
     }

@@ -58,7 +58,7 @@ class ComponentCovariances {
     if (bytes > physical_memory()) {
       std::ostringstream message;
       message.precision(3);
-      message << "the covariances need " << bytes * 1e-9 << " GB, and this machine has "
+      message << "the covariances need " << bytes * 1e-9 << " GB, and this process may have "
               << physical_memory() * 1e-9 << " GB";
       throw TooLarge(message.str());
     }
