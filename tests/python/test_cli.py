@@ -128,9 +128,8 @@ def test_standard_output_that_takes_nothing_is_told(graph_file: Path) -> None:
 def test_too_little_memory_is_told(tmp_path: Path) -> None:
     done = run("simulate", "complete", "-n", "100000000", "-o", tmp_path / "out.txt")
     assert done.returncode == 2
-    assert (
-        "edges would take about 1.75e+09 GB, and this process may have" in done.stderr.splitlines()[-1]
-    )
+    refused = "edges would take about 1.75e+09 GB, and this process may have"
+    assert refused in done.stderr.splitlines()[-1]
 
 
 def test_certificate_tolerance(graph_file: Path) -> None:

@@ -441,4 +441,4 @@ def test_where_newtons_method_wanders_it_begins_anew_at_the_chordal_value() -> N
     assert best.objective == pytest.approx(chordal.objective, rel=1e-12)
     assert best.objective < 0.9 * tree.objective
     stopped = rotavg.solve(graph, max_iterations=9)
-    assert (stopped.iterations, stopped.status) == (9, "iteration limit")
+    assert (stopped.iterations, stopped.status) == (9, rotavg.Status.ITERATION_LIMIT)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 
-
-_GROUPS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
+_GROUPS = ("memory.max", "memory/memory.limit_in_bytes")  # of Linux's control groups
 
 
 def physical_memory() -> float:
@@ -15,25 +16,18 @@ def physical_memory() -> float:
     Infinity where that is not known. (The same as in rotavg/linalg/memory.hpp.)
     """
     limits = [float("inf")]
-    try:
+    with suppress(AttributeError, OSError, ValueError):
         limits.append(float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
-    except (AttributeError, OSError, ValueError):
-        pass
-    try:
+    with suppress(ImportError):  # Windows has none
         import resource
-    except ImportError:  # Windows
-        pass
-    else:
-        for which in (resource.RLIMIT_AS, resource.RLIMIT_DATA):
-            soft = resource.getrlimit(which)[0]
-            if soft != resource.RLIM_INFINITY:
-                limits.append(float(soft))
-    for path in _GROUPS:
-        try:
-            with open(path, encoding="ascii") as file:
-                limits.append(float(file.read()))
-        except (OSError, ValueError):  # no such group, or "max"
-            pass
+
+        soft = [
+            resource.getrlimit(which)[0] for which in (resource.RLIMIT_AS, resource.RLIMIT_DATA)
+        ]
+        limits += [float(limit) for limit in soft if limit != resource.RLIM_INFINITY]
+    for group in _GROUPS:
+        with suppress(OSError, ValueError):  # there is none, or "max"
+            limits.append(float((Path("/sys/fs/cgroup") / group).read_text(encoding="ascii")))
     return min(limits)
 
 
