@@ -23,6 +23,10 @@ namespace rotavg {
 /// M_i^T, the rest solve the connection Laplacian, (D (x) I - Rt) X = 0: one sparse factorisation.
 /// Exact without noise, and far better than any tree where the noise is large.
 ///
+/// With noise X falls off with the distance from the root, on long thin graphs until nothing is
+/// left of it. From those nodes that it has reached it goes on as a step of inverse iteration, (D
+/// (x) I - Rt) X = D R^T, in which the others have R = 0.
+///
 /// @param eliminations of all components, without their roots
 /// @param max_flops where a factorisation would take more, there is no result
 /// @param keep_going asked every few milliseconds; where it says false, there is no result
@@ -30,6 +34,7 @@ inline std::optional<Rotations> chordal_init(const MeasurementGraph& graph,
                                              std::vector<Elimination>& eliminations,
                                              double max_flops = 5e10,
                                              const std::function<bool()>& keep_going = {}) {
+  constexpr double vanishing = 1e-200;  // what is smaller loses digits
   Rotations R(static_cast<std::size_t>(graph.num_nodes()), Matrix3::Identity());
   std::vector<Index> row(R.size(), -1);
   for (Elimination& elimination : eliminations) {
@@ -46,9 +51,26 @@ inline std::optional<Rotations> chordal_init(const MeasurementGraph& graph,
       const Matrix3 block = graph.block(h);
       for (int k = 0; k < 9; ++k) X(3 * row[h.node] + k / 3, k % 3) += block(k);
     }
-    cholesky.solve_in_place(X);
-    for (Index a = 0; a < elimination.size(); ++a) {
-      R[elimination.node(a)] = nearest_rotation(transposed_block(X, a));
+    std::vector<bool> is_reached(static_cast<std::size_t>(elimination.size()), false);
+    for (Index reached = 0; reached < elimination.size();) {
+      if (keep_going && !keep_going()) return std::nullopt;
+      cholesky.solve_in_place(X);
+      const Index before = reached;
+      for (Index a = 0; a < elimination.size(); ++a) {
+        const Matrix3 M = transposed_block(X, a);
+        if (is_reached[a] || !(M.cwiseAbs().maxCoeff() > vanishing)) continue;
+        is_reached[a] = true;
+        ++reached;
+        R[elimination.node(a)] = nearest_rotation(M);
+      }
+      if (reached == before) return std::nullopt;
+      if (reached == elimination.size()) break;
+      for (Index a = 0; a < elimination.size(); ++a) {
+        const Index i = elimination.node(a);
+        for (int k = 0; k < 9; ++k) {
+          X(3 * a + k / 3, k % 3) = is_reached[a] ? graph.degree(i) * R[i](k % 3, k / 3) : 0.0;
+        }
+      }
     }
   }
   return R;
