@@ -13,6 +13,7 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
+#include <rotavg/parallel/prefetch.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/connection.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
@@ -42,6 +43,7 @@ class NodeSums {
           sum.add(residuals_()[h.edge()], h.is_i() ? 1.0 : -1.0);
         },
         [&](Index k, Sum& at_i, Sum& at_j) {
+          prefetch_ahead(residuals_(), k);
           at_i.add(residuals_()[k], 1.0);
           at_j.add(residuals_()[k], -1.0);
         });

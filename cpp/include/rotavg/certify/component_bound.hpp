@@ -122,17 +122,20 @@ class ComponentBounds {
 
   ComponentBound by_factorization() {
     const auto& keep_going = options_.keep_going;
-    DefiniteFactorization proof(S_, elimination_, resolution_, noise_, gravity_);
-    auto outcome = proof.factorize(keep_going);
-    if (outcome == CholeskyOutcome::positive_definite) return proof.bound(keep_going);
-    if (outcome == CholeskyOutcome::stopped) return {};
-    BlockCholesky<3>& cholesky = proof.cholesky();
-    outcome = cholesky.factorize(S_.blocks(elimination_), 0.0, keep_going);
-    if (outcome == CholeskyOutcome::stopped) return {};
-    return outcome == CholeskyOutcome::positive_definite
-               ? bound_by_grounded_factorization(S_, cholesky, keep_going)
-               : bound_certificate_matrix(S_, options_.max_factorization_flops, keep_going,
-                                          elimination_.num_threads());
+    {
+      DefiniteFactorization proof(S_, elimination_, resolution_, noise_, gravity_);
+      auto outcome = proof.factorize(keep_going);
+      if (outcome == CholeskyOutcome::positive_definite) return proof.bound(keep_going);
+      if (outcome == CholeskyOutcome::stopped) return {};
+      BlockCholesky<3>& cholesky = proof.cholesky();
+      outcome = cholesky.factorize(S_.blocks(elimination_), 0.0, keep_going);
+      if (outcome == CholeskyOutcome::stopped) return {};
+      if (outcome == CholeskyOutcome::positive_definite) {
+        return bound_by_grounded_factorization(S_, cholesky, keep_going);
+      }
+    }  // its memory is needed
+    return bound_certificate_matrix(S_, options_.max_factorization_flops, keep_going,
+                                    elimination_.num_threads());
   }
 
   /// Where theta is above this, a factorisation takes more than so many operations, about: with a

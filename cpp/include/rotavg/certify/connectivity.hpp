@@ -16,6 +16,7 @@
 #include <rotavg/linalg/partial_cholesky.hpp>
 #include <rotavg/linalg/small_eigen.hpp>
 #include <rotavg/parallel/interruption.hpp>
+#include <rotavg/parallel/prefetch.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/sums_at_nodes.hpp>
 #include <rotavg/so3/quaternion.hpp>
@@ -60,6 +61,7 @@ class Connectivity {
     const auto r = sums_at_nodes<double>(
         graph, num_threads, [&](const HalfEdge& h, double& sum) { sum += r_of(h.edge()); },
         [&](Index k, double& at_i, double& at_j) {
+          prefetch_ahead(S.residuals()(), k);
           const double r_ij = r_of(k);
           at_i += r_ij;
           at_j += r_ij;

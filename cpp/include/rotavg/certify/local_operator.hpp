@@ -14,6 +14,7 @@
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/graph/half_edge_rows.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/parallel/prefetch.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/so3/quaternion.hpp>
@@ -167,14 +168,6 @@ class LocalOperator {
  private:
   template <int K>
   friend class LocalOperator;
-
-  static void prefetch(const void* address) {
-#ifdef __GNUC__
-    __builtin_prefetch(address);
-#else
-    (void)address;
-#endif
-  }
 
   /// Several sums at once.
   template <int N>

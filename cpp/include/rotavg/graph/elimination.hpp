@@ -9,6 +9,7 @@
 
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/linalg/subtrees.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
 #include <rotavg/parallel/threads.hpp>
 
@@ -64,15 +65,24 @@ class Elimination {
   /// Whether the order is known, so that flops() costs nothing.
   bool has_order() const { return order_.has_value(); }
 
-  /// Bytes that a factorisation with blocks of size B takes, about: the factor, some zeros, the
-  /// fronts that wait, and the matrix.
+  /// Bytes that a factorisation with blocks of size B takes: the factor, the fronts that wait, and
+  /// the matrix; of a small one, about.
   double factor_bytes(int B) {
     if (size() == 0) return 0.0;
     if (!order_) order_ = elimination_order(pattern());
-    constexpr double fronts = 1.5;
-    const double blocks =
-        fronts * order_->nonzeros + size() + static_cast<double>(pattern().row.size());
-    return blocks * B * B * sizeof(double);
+    constexpr double small = 1e7, fronts = 1.5;
+    const double bytes = B * B * sizeof(double);
+    const double matrix = bytes * static_cast<double>(pattern().row.size());
+    const double about = bytes * (fronts * order_->nonzeros + size());
+    if (about < small) return about + matrix;
+    double factor = 0.0;
+    for (const Supernode& node : symbolic()->supernodes()) {
+      factor += bytes * static_cast<double>(node.rows()) * node.columns();
+    }
+    const FrontStacks stacks(
+        *symbolic_, Subtrees(*symbolic_, B, /*num_threads=*/1),
+        [](const Supernode& node) { return node.below.size() * node.below.size(); });
+    return factor + bytes * static_cast<double>(stacks.size) + matrix;
   }
 
   const BlockPattern& pattern() {

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/parallel/prefetch.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/objective.hpp>
@@ -17,18 +18,6 @@
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
 
 namespace rotavg {
-
-namespace detail {
-
-inline void prefetch(const void* address) {
-#if defined(__GNUC__)
-  __builtin_prefetch(address);
-#else
-  (void)address;
-#endif
-}
-
-}  // namespace detail
 
 /// A sum of p p^T over products p = q b of quaternions, four numbers in a register: the inner loop
 /// of all sweeps.
@@ -81,9 +70,9 @@ inline void prefetch_row(const MeasurementGraph& graph, const Quaternions& q, In
   if (graph.num_edges() < in_the_cache) return;
   for (const HalfEdge& h : graph.row(l)) {
     const double* const edge = graph.quaternion_edges()[h.edge()].i_from_j.coeffs().data();
-    detail::prefetch(edge);
-    detail::prefetch(edge + 3);  // it may reach into the next line
-    detail::prefetch(&q[h.node]);
+    prefetch(edge);
+    prefetch(edge + 3);  // it may reach into the next line
+    prefetch(&q[h.node]);
   }
 }
 

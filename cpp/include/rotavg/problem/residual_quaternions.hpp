@@ -7,6 +7,7 @@
 #include <Eigen/Core>
 
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/parallel/prefetch.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/objective.hpp>
@@ -28,6 +29,7 @@ inline Vector4 residual_quaternion(const QuaternionEdge& edge, const Quaternions
 /// The objective (3) without storing anything.
 inline double objective(const MeasurementGraph& graph, const Quaternions& q, int num_threads) {
   return block_sum<double>(graph.num_edges(), num_threads, [&](Index k) {
+    prefetch_ahead(graph.quaternion_edges(), k);
     return 8.0 * vector_square(residual_quaternion(graph.quaternion_edges()[k], q));
   });
 }
@@ -55,6 +57,7 @@ class ResidualQuaternions {
   /// Moves to other rotations.
   void update(const Quaternions& q) {
     objective_ = block_sum<double>(graph_->num_edges(), num_threads_, [&](Index k) {
+      prefetch_ahead(graph_->quaternion_edges(), k);
       e_[k] = residual_quaternion(graph_->quaternion_edges()[k], q);
       return 8.0 * vector_square(e_[k]);
     });
