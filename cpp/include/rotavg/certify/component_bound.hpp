@@ -48,12 +48,14 @@ class ComponentBounds {
 
   ComponentBound operator()() {
     constexpr double quick = 1e9, worth_certainty = 3.0, large = 2e5;
+    constexpr double dense = 0.1, near_complete = 0.5;  // of all pairs of nodes
     constexpr int usual_products = 130;  // of a random start on a well connected graph
-    const double by_connectivity = Connectivity::flops(S_.num_nodes());
+    const double n = S_.num_nodes(), connectivity_flops = Connectivity::flops(n);
     const double by_products = cost(usual_products);
-    // Near complete graphs before a factorisation is even analysed.
-    if (27.0 * by_connectivity > quick && Connectivity::is_near_complete(S_)) {
-      const ComponentBound bound = Connectivity(S_).bound_by_norm(options_.keep_going);
+    // Dense graphs before a factorisation of S is even analysed: it fills in.
+    const double filled = ends_ / n / n;
+    if (filled > dense && 27.0 * connectivity_flops > quick) {
+      const ComponentBound bound = by_connectivity(filled > near_complete, by_products);
       if (is_enough(bound)) return bound;
     }
     // On large graphs an order of elimination takes longer than products do, and they may tell that
@@ -67,11 +69,9 @@ class ComponentBounds {
       }
     }
     const double by_factor = elimination_.flops(3, options_.max_factorization_flops);
-    const double limit =
-        std::min(options_.max_factorization_flops, std::max(quick, worth_certainty * by_products));
-    if (by_connectivity <= limit && by_factor > std::max(4.0 * by_connectivity, quick) &&
-        has_memory_for(by_connectivity * sizeof(double) * 3.0 / S_.num_nodes())) {
-      const ComponentBound bound = Connectivity(S_).bound_by_factorization(options_.keep_going);
+    if (by_factor > std::max(4.0 * connectivity_flops, quick)) {
+      const ComponentBound bound =
+          by_connectivity(/*by_norm=*/false, std::max(quick, worth_certainty * by_products));
       if (is_enough(bound)) return bound;
     }
     bool can_factorize = by_factor <= options_.max_factorization_flops && fits();
@@ -108,6 +108,22 @@ class ComponentBounds {
   /// columns takes as long as some 150 of those. The number of threads has no say: the answer
   /// would depend on it.)
   double cost(double products) const { return 75.0 * products * ends_; }
+
+  /// A proof by the connectivity: by a norm, where that may do, and by a factorisation of at most
+  /// so many operations. CertificateMethod::none where these say nothing.
+  ComponentBound by_connectivity(bool by_norm, double max_flops) {
+    const double flops = Connectivity::flops(S_.num_nodes());
+    const double bytes = sizeof(double) * 3.0 * flops / S_.num_nodes();
+    const bool factorizes = !connectivity_failed_ && has_memory_for(bytes) &&
+                            flops <= std::min(max_flops, options_.max_factorization_flops);
+    if (!by_norm && !factorizes) return {};
+    const Connectivity connectivity(S_);
+    ComponentBound bound;
+    if (by_norm) bound = connectivity.bound_by_norm(options_.keep_going);
+    if (is_enough(bound) || !factorizes) return bound;
+    connectivity_failed_ = true;  // else nothing comes after
+    return connectivity.bound_by_factorization(options_.keep_going);
+  }
 
   bool fits() const { return has_memory_for(elimination_.factor_bytes(3)); }
 
@@ -174,6 +190,7 @@ class ComponentBounds {
   const GravityPairs& gravity_;
   const CertificateOptions& options_;
   double ends_ = 0.0;  ///< of edges
+  bool connectivity_failed_ = false;
 };
 
 }  // namespace rotavg

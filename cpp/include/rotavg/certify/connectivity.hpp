@@ -125,15 +125,8 @@ class Connectivity {
     return bound(l_ - 1.1 * (n + 2.0) * unit_roundoff * trace, keep_going);
   }
 
-  /// Whether bound_by_norm() can succeed: it asks for about half of all pairs of nodes.
-  static bool is_near_complete(const CertificateMatrix& S) {
-    double ends = 0.0;
-    for (const Index i : S.nodes()) ends += static_cast<double>(S.graph().row(i).size());
-    return ends > 0.5 * S.num_nodes() * static_cast<double>(S.num_nodes());
-  }
-
-  /// From the measurements alone, without any factorisation. With A the weights, L = diag(deg) - A,
-  /// and D = diag(deg - d - r) - l I,
+  /// From the measurements alone, without any factorisation; about half of all pairs of nodes have
+  /// to be joined. With A the weights, L = diag(deg) - A, and D = diag(deg - d - r) - l I,
   ///
   ///     D - A + c 1 1^T > 0   where   |D^-1/2 (A - c 1 1^T) D^-1/2|_F < 1:
   ///
@@ -144,10 +137,12 @@ class Connectivity {
     constexpr double almost_one = 0.99, rounding = 1e-7;
     if (!is_positive_) return {};
     // With v_ij = 1 / (D_i D_j), the square is sum v a^2 - 2 c sum v a + c^2 sum v: the least over
-    // c. Parallel edges count as one. All in units in which no product overflows.
+    // c. Parallel edges count as one. All in units in which no product overflows, and over pairs
+    // of nodes, of which each counts twice.
     const double unit = total_degree_ / S_.num_nodes();
     double sum_v = 0.0, sum_va = 0.0, sum_vaa = 0.0;
-    for (const double left : left_) sum_v += unit / left;
+    std::vector<double> inverse;  // of D
+    for (const double left : left_) sum_v += inverse.emplace_back(unit / left);
     sum_v *= sum_v;
     constexpr Index shares = 16;  // of the nodes, each with weights of its own
     std::vector<std::pair<double, double>> of_share(shares);
@@ -156,15 +151,21 @@ class Connectivity {
       double va = 0.0, vaa = 0.0;
       for (Index a = share; a < S_.num_nodes(); a += shares) {
         const auto half_edges = S_.graph().row(S_.nodes()[a]);
-        for (const HalfEdge& h : half_edges) weight[row(h.node)] += h.node_from_l.squaredNorm();
+        for (const HalfEdge& h : half_edges) {
+          if (row(h.node) > a) weight[row(h.node)] += h.node_from_l.squaredNorm() / unit;
+        }
+        double va_of_a = 0.0, vaa_of_a = 0.0;
         for (const HalfEdge& h : half_edges) {
           const Index b = row(h.node);
-          const double w = std::exchange(weight[b], 0.0);
-          va += (w / left_[a]) * (unit / left_[b]);
-          vaa += (w / left_[a]) * (w / left_[b]);
+          if (b <= a) continue;
+          const double w = std::exchange(weight[b], 0.0), v = w * inverse[b];
+          va_of_a += v;
+          vaa_of_a += v * w;
         }
+        va += inverse[a] * va_of_a;
+        vaa += inverse[a] * vaa_of_a;
       }
-      of_share[share] = {va, vaa};
+      of_share[share] = {2.0 * va, 2.0 * vaa};
     });
     for (const auto& [va, vaa] : of_share) {
       sum_va += va;
