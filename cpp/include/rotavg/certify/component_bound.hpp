@@ -60,11 +60,10 @@ class ComponentBounds {
     }
     // On large graphs an order of elimination takes longer than products do, and they may tell that
     // it fills in.
-    std::optional<RandomStart> random_start;
     if (options_.failure_probability > 0.0 && ends_ > large && !elimination_.has_order()) {
-      random_start.emplace(S_, q_, random_start_options());
-      if (random_start->theta_exceeds(theta_of_separator(worth_certainty * by_products))) {
-        const ComponentBound bound = by_random_start(*random_start);
+      RandomStart random_start(S_, q_, random_start_options());
+      if (random_start.theta_exceeds(theta_of_separator(worth_certainty * by_products))) {
+        const ComponentBound bound = by_random_start(random_start);
         if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
       }
     }
@@ -81,9 +80,9 @@ class ComponentBounds {
     }
     ComponentBound bound;
     if (options_.failure_probability > 0.0) {
-      if (!random_start) random_start.emplace(S_, q_, random_start_options());
-      if (can_factorize) random_start->limit_products(by_factor / cost(1.0));
-      bound = by_random_start(*random_start);
+      RandomStart random_start(S_, q_, random_start_options());
+      if (can_factorize) random_start.limit_products(by_factor / cost(1.0));
+      bound = by_random_start(random_start);
       if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
     }
     if (can_factorize) {
