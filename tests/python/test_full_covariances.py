@@ -17,6 +17,7 @@ import rotavg
 from benchmarks.anisotropic import RATIOS, simulated, theory
 from benchmarks.relaxation import accuracy, matrix_weights, relaxation
 from rotavg.graph.conventions import matrices_from_rotvecs
+from rotavg.graph.covariances import information
 
 DATA = Path(os.environ.get("ROTAVG_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
@@ -113,6 +114,73 @@ def test_all_methods_meet_the_same_optimum(options: Any) -> None:
     assert other.objective == pytest.approx(best.objective, rel=1e-9)
     assert other.certificate is not None
     assert other.certificate.verdict == "proved"
+
+
+def wound(ratio: tuple[float, float, float], seed: int) -> tuple[Any, NDArray[np.float64]]:
+    """A ring and rotations that wind around it once more than the truth."""
+    n = 20
+    graph, truth = simulated(np.random.default_rng(seed), n, 0.0, ratio, 0.1)
+    assert graph.covariances is not None
+    ring = rotavg.MeasurementGraph(
+        [*graph.edges, (n - 1, 0)],
+        np.concatenate([graph.rotations, (truth[n - 1].T @ truth[0])[None]]),
+        covariances=np.concatenate([graph.covariances, graph.covariances[:1]]),
+    )
+    twist = np.outer(2 * np.pi * np.arange(n) / n, [0.36, 0.48, 0.8])
+    return ring, matrices_from_rotvecs(twist) @ truth
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+def test_the_staircase_unwinds_a_ring(ratio: tuple[float, float, float]) -> None:
+    for seed in range(3):
+        ring, twisted = wound(ratio, seed)
+        best = rotavg.solve(ring, anisotropic=True)
+        stuck = rotavg.solve(ring, anisotropic=True, init=twisted, method="newton")
+        assert stuck.objective > 3 * best.objective
+        for method in ("auto", "staircase"):
+            solution = rotavg.solve(ring, anisotropic=True, init=twisted, method=method)
+            assert solution.objective == pytest.approx(best.objective, rel=1e-9)
+            assert solution.certificate is not None
+            assert solution.certificate.verdict == "proved"
+        assert "the staircase climbed to rank" in solution.reason
+        assert solution.method == "staircase"
+
+
+def test_a_staircase_never_does_worse_and_its_bound_is_one() -> None:
+    refuted = bounded = 0
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        graph, _ = simulated(rng, 12, 0.3, RATIOS[1 + seed % 3], 0.6 + 0.2 * (seed % 4))
+        without = rotavg.solve(graph, anisotropic=True, max_rank=0)
+        solution = rotavg.solve(graph, anisotropic=True)
+        assert solution.objective <= without.objective * (1 + 1e-12)
+        c, before = solution.certificate, without.certificate
+        assert c is not None
+        assert before is not None
+        assert c.gap <= before.gap * (1 + 1e-6)
+        refuted += before.verdict != "proved"
+        bounded += c.method == "relaxation"
+        lowest = min(
+            rotavg.solve(graph, anisotropic=True, init="random", seed=k, method="bcd").objective
+            for k in range(5)
+        )
+        assert solution.objective - c.gap <= lowest * (1 + 1e-9)
+    assert refuted > 0
+    assert bounded > 0
+
+
+def test_the_staircase_has_the_same_bits_for_any_threads() -> None:
+    rng = np.random.default_rng(0)
+    graph, _ = simulated(rng, 400, 0.4, (1, 3, 10), 0.3)
+    assert graph.num_edges > 24576  # below, one thread does all
+    one, three = (
+        rotavg.solve(graph, anisotropic=True, method="staircase", init="random", num_threads=k)
+        for k in (1, 3)
+    )
+    assert np.array_equal(one.rotations, three.rotations)
+    assert one.certificate is not None
+    assert three.certificate is not None
+    assert one.certificate.gap == three.certificate.gap
 
 
 def test_components_and_robust_losses() -> None:
@@ -222,6 +290,66 @@ def test_a_bad_covariance_in_a_file_is_named_by_its_line(tmp_path: Path) -> None
     path.write_text(f"{header}\n0,1,0,0,0,1,1,0,0,1,0,1\n1,2,0,0,0,1,1,0,0,-1,0,1\n")
     with pytest.raises(rotavg.FormatError, match=r"graph\.csv:3.*not symmetric and positive"):
         rotavg.read(path)
+
+
+@pytest.mark.parametrize("size", [1e-320, 1e-200, 1e200, 1e305])
+def test_extreme_covariances_are_named(size: float) -> None:
+    graph = random_graph(1)
+    assert graph.covariances is not None
+    C = graph.covariances.copy()
+    C[2] = size * np.eye(3)
+    weighted = rotavg.MeasurementGraph(
+        graph.edges, graph.rotations, weights=np.ones(len(C)), covariances=C
+    )
+    i, j = graph.edges[2].tolist()
+    says = rf"edge 2 \({i} -> {j}\): found a covariance as large as .*; expected it between"
+    for anisotropic in (True, "log"):
+        with pytest.raises(rotavg.GraphError, match=says):
+            rotavg.solve(weighted, anisotropic=anisotropic)  # type: ignore[arg-type]
+    with pytest.raises(rotavg.GraphError, match=says):
+        rotavg.certify(weighted, graph.rotations[:1].repeat(10, axis=0), anisotropic=True)
+    with pytest.raises(rotavg.GraphError, match=r"edge 2 .*found the weight"):
+        rotavg.MeasurementGraph(graph.edges, graph.rotations, covariances=C)
+
+
+@pytest.mark.parametrize("spread", [0.0, 1.0, 3.0, 6.0, 10.0])
+def test_precisions_are_the_inverses(spread: float) -> None:
+    rng = np.random.default_rng(int(spread))
+    V = np.linalg.qr(rng.normal(size=(500, 3, 3)))[0]
+    values = 10.0 ** rng.uniform(-spread, 0, (500, 3)) * 10.0 ** rng.uniform(-40, 40, (500, 1))
+    C = V @ (values[:, :, None] * np.swapaxes(V, 1, 2))
+    C = (C + np.swapaxes(C, 1, 2)) / 2
+    H = information(C, np.full(500, 3.0))
+    assert np.array_equal(H, np.swapaxes(H, 1, 2))
+    scale = np.abs(H).max(axis=(1, 2)) * np.abs(C).max(axis=(1, 2))
+    error = np.abs(C @ H - 3 * np.eye(3)).max(axis=(1, 2))
+    assert (error <= 1e-12 * scale).all()
+
+
+def test_single_precision_and_parallel_edges() -> None:
+    graph = random_graph(1)
+    assert graph.covariances is not None
+    single = rotavg.MeasurementGraph(
+        graph.edges.astype(np.int32),
+        graph.rotations.astype(np.float32),
+        covariances=graph.covariances.astype(np.float32),
+    )
+    expected = rotavg.solve(graph, anisotropic=True)
+    solution = rotavg.solve(single, anisotropic=True)
+    assert solution.objective == pytest.approx(expected.objective, rel=1e-4)
+    # Each edge twice, once turned round, with half of what it knows.
+    R, C = graph.rotations, 2 * graph.covariances
+    twice = rotavg.MeasurementGraph(
+        np.concatenate([graph.edges, graph.edges[:, ::-1]]),
+        np.concatenate([R, np.swapaxes(R, 1, 2)]),
+        covariances=np.concatenate([C, R @ C @ np.swapaxes(R, 1, 2)]),
+        nodes=graph.nodes,
+    )
+    for method in ("auto", "staircase"):
+        both = rotavg.solve(twice, anisotropic=True, method=method)  # type: ignore[arg-type]
+        assert both.objective == pytest.approx(expected.objective, rel=1e-9)
+        assert both.certificate is not None
+        assert both.certificate.verdict == "proved"
 
 
 def test_lu_sphinx_is_proved_and_nearer_the_truth() -> None:

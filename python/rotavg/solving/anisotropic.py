@@ -13,34 +13,45 @@ from rotavg import _core
 from rotavg.base.arrays import read_only
 from rotavg.base.errors import OptionError
 from rotavg.graph.covariances import information, precision_of_weight_one
+from rotavg.graph.ids import edge_error
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.priors.priors import Priors
 from rotavg.solving.certificate import certificate_from_core
 from rotavg.solving.solution import Solution
 from rotavg.solving.status import Status, Timings, Trace
 
 # How far the start, the problem with one weight for each edge, is solved: radians.
 START_TOLERANCE = 1e-6
+# Radians^2: their inverses are numbers that can be computed with.
+LARGEST_COVARIANCE = 1e80
 
 
-def check(graph: MeasurementGraph, anisotropic: object, priors: Priors | None) -> None:
-    """Refuse what full covariances do not go with."""
+def check(graph: MeasurementGraph, anisotropic: object) -> None:
+    """Refuse what full covariances do not go with.
+
+    Raises OptionError for the option or a graph without, GraphError for an extreme covariance.
+    """
     if anisotropic not in (True, "log"):
         raise OptionError(f"anisotropic is {anisotropic!r}, expected True, False or 'log'")
     if graph.covariances is None:
         raise OptionError("anisotropic needs a graph with covariances, and this one has none")
-    if priors is None:
-        return
-    if anisotropic == "log":
-        raise OptionError("anisotropic='log' is not possible with priors")
+    size = np.abs(graph.covariances).max(axis=(1, 2))
+    extreme = ~((size > 1 / LARGEST_COVARIANCE) & (size < LARGEST_COVARIANCE))
+    if extreme.any():
+        row = int(np.argmax(extreme))
+        raise edge_error(
+            graph.edges,
+            row,
+            f"found a covariance as large as {size[row]:.3g} radians^2; "
+            f"expected it between {1 / LARGEST_COVARIANCE:g} and {LARGEST_COVARIANCE:g}",
+        )
 
 
 def given_precisions(graph: MeasurementGraph) -> NDArray[np.float64]:
     """(m, 3, 3) inverse covariances.
 
-    Raises OptionError where the graph has none.
+    Raises as `check`.
     """
-    check(graph, True, None)
+    check(graph, True)
     assert graph.covariances is not None
     return information(graph.covariances, np.ones(graph.num_edges))
 
@@ -132,13 +143,19 @@ def refined(solution: Solution, settings: dict[str, Any]) -> Solution:
         num_threads=settings["num_threads"],
         callback=None if stopped else settings["callback"],
         iterations_before=solution.iterations,
+        priors=with_final_weights(solution),
+        prior_precision=precision_of_weight_one(graph.covariances, graph.weights),
     )
     seconds = time.perf_counter() - began
+    rotations, rigs = read_only(core["rotations"]), solution.rigs
+    if rigs is not None:
+        rigs = rigs.with_frames_of(graph.nodes.tolist(), rotations, core["objective"])
     status = solution.status if stopped else Status[core["status"].upper()]
     then = f"then Gauss-Newton on the logarithms, {core['iterations']} iterations"
     return replace(
         solution,
-        rotations=read_only(core["rotations"]),
+        rotations=rotations,
+        rigs=rigs,
         objective=core["objective"],
         gradient_norm=core["gradient_norm"],
         relative_gradient=core["relative_gradient"],
