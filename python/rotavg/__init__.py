@@ -17,7 +17,8 @@ radians, quaternions xyzw.
     Online              the same while edges come and go
     Priors              what is known beforehand: fixed rotations, gravity, rigs
     simulate, compare   graphs with known truth, and errors
-    hardness            how hard a graph is; cycle_evidence, which edges are suspicious
+    hardness            how hard a graph is; cycle_evidence, which edges are suspicious;
+                        suggest_reading and doubts, what may have been read the wrong way
     plot, report        pictures and pages (extras)
     images, colmap      from photographs, and on to a scene (extras)
 
@@ -57,6 +58,7 @@ from rotavg.solving.status import Status, Timings, Trace
 
 if TYPE_CHECKING:
     from rotavg.evaluation.compare import Comparison, compare
+    from rotavg.evaluation.doubts import doubts
     from rotavg.evaluation.hardness import Hardness, hardness
     from rotavg.evaluation.readings import SuggestedReading, suggest_reading
     from rotavg.io import (
@@ -77,6 +79,7 @@ if TYPE_CHECKING:
 _AT_FIRST_USE = {
     "Comparison": "rotavg.evaluation.compare",
     "compare": "rotavg.evaluation.compare",
+    "doubts": "rotavg.evaluation.doubts",
     "Hardness": "rotavg.evaluation.hardness",
     "hardness": "rotavg.evaluation.hardness",
     "SuggestedReading": "rotavg.evaluation.readings",
@@ -158,6 +161,7 @@ __all__ = [
     "compare",
     "cycle_evidence",
     "diagnose",
+    "doubts",
     "gradient",
     "hardness",
     "karcher_mean",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -168,22 +169,41 @@ def test_what_cannot_be_is_refused() -> None:
     nodes = list(scene.images)
 
     def refused(message: str, images: Any, rotations: Any = None, **others: Any) -> None:
-        priors = rotavg.Priors(rigs=rotavg.Rigs(images, rotations or {}), **others)
-        with pytest.raises(rotavg.GraphError, match=message):
+        def build_and_solve() -> None:
+            priors = rotavg.Priors(rigs=rotavg.Rigs(images, rotations or {}), **others)
             rotavg.solve(scene.graph, priors=priors)
+
+        with pytest.raises(rotavg.GraphError, match=message):
+            build_and_solve()
 
     refused("rig prior of node 'x': it is not in the graph", {"x": (0, 0)})
     refused("is 3, expected a pair of frame and sensor", {nodes[0]: 3})
     refused(r"has the sensor \[1\], expected an integer or a name", {nodes[0]: (0, [1])})
     twice = {nodes[0]: (0, "a"), nodes[1]: (0, "a")}
     refused(f"{nodes[1]}' is the second of its sensor in one frame", twice)
-    refused("rotation of sensor 'left' is no rotation", scene.images, {"left": 2 * np.eye(3)})
+    refused("rotation of sensor 'left' is not a rotation", scene.images, {"left": 2 * np.eye(3)})
     refused("have no images", {})
     refused("images of rigs are no mapping", [1])
     one_frame = {node: (0, node) for node in nodes}
     refused("all edges are between cameras of one frame", one_frame)
     fixed = {"right/000": np.eye(3)}
     refused("whose sensor has no known rotation", scene.images, fixed=fixed)
+    # What needs no graph is told before there is one.
+    for message, images, rotations in (
+        ("is 3, expected a pair", {"a": 3}, {}),
+        ("node 'b' is the second of its sensor", {"a": (0, "l"), "b": (0, "l")}, {}),
+        ("'left' is not a rotation: R\\^T R differs", scene.images, {"left": 2 * np.eye(3)}),
+        ("'left' is not a rotation: its determinant is -1", scene.images, {"left": -np.eye(3)}),
+        ("'left' have shape", scene.images, {"left": np.eye(2)}),
+        (r"no image has a sensor whose rotation is given \('Left'\); there are 'left', 'middle'",
+         scene.images, {"Left": np.eye(3)}),
+    ):  # fmt: skip
+        with pytest.raises(rotavg.GraphError, match=message):
+            rotavg.Rigs(images, rotations)
+    rigs = rotavg.Rigs(scene.images, {"left": np.eye(3)})
+    with pytest.raises(rotavg.GraphError, match="node 'right/000' is of an image whose sensor has"):
+        rotavg.Priors(fixed=fixed, rigs=rigs)
+    rotavg.Priors(fixed={"left/000": np.eye(3)}, rigs=rigs)
     priors = rotavg.Priors(rigs=rotavg.Rigs(scene.images))
     with pytest.raises(rotavg.GraphError, match="rotation of sensor 'left' is not known"):
         rotavg.certify(scene.graph, np.array([np.eye(3)] * 24), priors=priors)
@@ -236,12 +256,26 @@ def test_rigs_from_files(tmp_path: Path) -> None:
         ("node,frame,sensor\nleft/000,1,a\nleft/000,2,a\n", ":3: the node 'left/000' stands"),
         (rows[0] + "\nleft/000,0,left,2,0,0,0\n", "expected a unit quaternion w x y z"),
         ("node,frame,sensor\nx,1,a\n", "none of the nodes in the file is in the graph"),
+        (
+            "node,frame,sensor\nleft/000,1,a\nleft/001,1,a\n",
+            ":3: the node 'left/001' is the second of sensor 'a' in one frame, before in line 2",
+        ),
     ):
         config.write_text(text)
         result = cli("solve", str(graph), "--rigs", str(config))
         assert result.returncode == 2
         assert message in " ".join(result.stderr.split()), (message, result.stderr)
     assert cli("solve", str(graph), "--rigs", str(table), "--no-rigs").returncode == 2
+    text = table.read_text()
+    table.write_text(text + "far/1,0,tele,,,,\n")
+    config.write_text(json.dumps([{"cameras": [*cameras, {"image_prefix": "tele/"}]}]))
+    for path in (table, config):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            rotavg.read_rigs(path, scene.graph)
+        assert any("no image of 1 of the sensors: 'tele" in str(w.message) for w in caught)
+    told = cli("solve", str(graph), "--rigs", str(table)).stderr
+    assert "2 of 26 nodes are not in the graph" in told
 
 
 def test_who_adds_what(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 import rotavg
 from rotavg.cli import options
+from rotavg.graph.conventions import Convention
 from rotavg.graph.ids import IdArray, rows_of
 from rotavg.io import read_gravity, read_rigs, read_rotations
 from rotavg.io.irotavg import FixedRotations
@@ -21,6 +22,12 @@ _OPTIONS = (
         "fixed_path",
         type=options.PATH,
         help="Hold the rotations in this file, any that `rotavg compare` reads.",
+    ),
+    click.option(
+        "--fixed-convention",
+        type=click.Choice(["pose", "vision"]),
+        help="Family of the rotations of --fixed, where text, csv or npz leave it open: pose "
+        "(world_from_node) or vision (its transpose).  [default: pose]",
     ),
     click.option(
         "--gravity",
@@ -46,16 +53,23 @@ _OPTIONS = (
 
 
 def prior_options(command: Any) -> Any:
-    """The options --fixed, --gravity, --gravity-weight, --rigs and --no-rigs."""
+    """The options about what is known of nodes."""
     for option in reversed(_OPTIONS):
         command = option(command)
     return command
 
 
 def check_prior_options(
-    gravity: Path | None, weight: float | None, rigs: Path | None, no_rigs: bool
+    fixed: Path | None,
+    convention: Convention | None,
+    gravity: Path | None,
+    weight: float | None,
+    rigs: Path | None,
+    no_rigs: bool,
 ) -> None:
-    """UsageError for a weight of no gravity, or rigs that are wanted and not wanted."""
+    """UsageError for what belongs to an option that is not given, or rigs that are not wanted."""
+    if convention is not None and fixed is None:
+        raise click.UsageError("--fixed-convention is for --fixed, which is not given")
     if rigs is not None and no_rigs:
         raise click.UsageError("--rigs and --no-rigs exclude each other")
     if weight is not None and gravity is None:
@@ -65,6 +79,7 @@ def check_prior_options(
 def read_priors(
     graph: rotavg.MeasurementGraph,
     fixed: Path | None,
+    convention: Convention | None,
     gravity: Path | None,
     weight: float | None,
     rigs_path: Path | None,
@@ -89,7 +104,7 @@ def read_priors(
         count = f"{len(rotations)} rotation{'s' * (len(rotations) != 1)}"
         click.echo(f"note: {count} held fixed, as the graph's file says", err=True)
     if fixed is not None:
-        ids, matrices = read_rotations(fixed)
+        ids, matrices = read_rotations(fixed, convention=convention)
         rotations = {**rotations, **_of_nodes(graph, fixed, ids, matrices)}
     if gravity is not None:
         names, vectors = read_gravity(gravity)
@@ -102,6 +117,16 @@ def read_priors(
         gravity={node: (down, weight) for node, down in downs.items()},
         rigs={} if rigs is None else rigs,
     )
+
+
+def with_doubts(
+    graph: rotavg.MeasurementGraph, priors: rotavg.Priors, *, told: bool
+) -> rotavg.MeasurementGraph:
+    """The graph with notes of what contradicts it as if it was read wrongly; `told` on stderr."""
+    found = [doubt for doubt in rotavg.doubts(graph, priors) if doubt not in graph.notes]
+    for doubt in found if told else ():
+        click.echo(f"note: {doubt}", err=True)
+    return graph.with_notes(*found)
 
 
 def _rigs(graph: rotavg.MeasurementGraph, path: Path | None) -> rotavg.Rigs | None:

@@ -69,7 +69,8 @@ def read_graph(
 ) -> rotavg.MeasurementGraph:
     """The graph in a file, or the part of it that is asked for.
 
-    Its notes tell also what was left out, and what other reading the cycles suggest.
+    Its notes tell also what was left out, what other reading the cycles suggest, and where
+    covariances contradict them.
     """
     graph = rotavg.read(path, **reading)
     hint = _hint(path, graph, reading)
@@ -86,7 +87,7 @@ def read_graph(
         graph = graph.with_notes(
             f"{count} of {whole.num_nodes} nodes and {edges} edges left out, as was asked for"
         )
-    return graph.with_notes(*hint)
+    return graph.with_notes(*hint, *rotavg.doubts(graph))
 
 
 def _of_nodes(graph: rotavg.MeasurementGraph, path: Path) -> rotavg.MeasurementGraph:

@@ -30,12 +30,13 @@ from rotavg.cli.output import (
     print_text,
 )
 from rotavg.cli.poses import check_refinable
-from rotavg.cli.priors import check_prior_options, prior_options, read_priors
+from rotavg.cli.priors import check_prior_options, prior_options, read_priors, with_doubts
 from rotavg.cli.progress import progress, working
 from rotavg.cli.reading import NAMES as READING
 from rotavg.cli.reading import read_graph, reading_options
 from rotavg.cli.start import init_option, read_start
 from rotavg.cli.summary import summary
+from rotavg.graph.conventions import Convention
 from rotavg.io import atomic, check_writable
 from rotavg.report import Run, check_report, write_report
 
@@ -59,7 +60,10 @@ from rotavg.report import Run, check_report, write_report
         "Which part": ("nodes_path", "largest_component", "min_nodes"),
         "Method": ("method", "init", "seed", "mu", "accelerate", "max_rank"),
         "The answer": ("gauge", "refine"),
-        "Prior knowledge": ("fixed_path", "gravity_path", "gravity_weight", "rigs_path", "no_rigs"),
+        "Prior knowledge": (
+            *("fixed_path", "fixed_convention", "gravity_path", "gravity_weight"),
+            *("rigs_path", "no_rigs"),
+        ),
         "Uncertainty": ("covariances_path", "noise_variance"),
         "Anisotropic noise": ("anisotropic", "anisotropic_log", "covariances"),
         "Outliers": (
@@ -221,6 +225,7 @@ def solve(
     covariances_path: Path | None,
     noise_variance: float | None,
     fixed_path: Path | None,
+    fixed_convention: Convention | None,
     gravity_path: Path | None,
     gravity_weight: float | None,
     rigs_path: Path | None,
@@ -265,7 +270,9 @@ def solve(
     check_known_edges(settings["loss"], trusted_path, trust_odometry, settings["weight_kind"])
     if output_format is not None and output is None:
         raise click.UsageError("--output-format is for --output, which is not given")
-    check_prior_options(gravity_path, gravity_weight, rigs_path, no_rigs)
+    check_prior_options(
+        fixed_path, fixed_convention, gravity_path, gravity_weight, rigs_path, no_rigs
+    )
     if report is not None:
         check_report(report)
     init = settings["init"]
@@ -294,9 +301,12 @@ def solve(
     if refine:
         check_refinable(input_path, graph)
     settings.update(read_known_edges(graph, trusted_path, trust_odometry, excluded_path))
-    settings["priors"] = read_priors(
-        graph, fixed_path, gravity_path, gravity_weight, rigs_path, no_rigs
+    priors = read_priors(
+        graph, fixed_path, fixed_convention, gravity_path, gravity_weight, rigs_path, no_rigs
     )
+    if priors is not None:
+        graph = with_doubts(graph, priors, told=not as_json)
+    settings["priors"] = priors
     if isinstance(settings["init"], Path):
         settings["init"] = read_start(graph, settings["init"])
     interrupted = False

@@ -1,19 +1,29 @@
 """Whether the measurements fit together, or would if they were read in another way.
 
 A file may be in the other family, or have the w of quaternions first, and nothing in it tells. But
-then the measurements around cycles do not come back to the identity, and in the right way they do.
+then the measurements around cycles do not come back to the identity, and in the right way they do:
+all but exactly where there is little noise, and nearer to it in most cycles where there is much.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotavg import _core
+from rotavg.evaluation.paired import (
+    FACTOR,
+    LEAST_FEW,
+    LEAST_SEPARATE,
+    NOISE_WORTH_A_LOOK,
+    is_better_on_average,
+    standard_error,
+)
+from rotavg.evaluation.separate_cycles import separate_cycles
 from rotavg.graph.conventions import (
     Convention,
     matrices_from_quaternions,
@@ -23,14 +33,11 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.formats import TABLES, input_of, read, words_of
 from rotavg.io.table import w_first_columns
 
-# Below it, radians, whatever is wrong is small; above it another reading must be so much better.
-_NOISE_WORTH_A_LOOK = np.radians(0.5)
-_FACTOR = 4
 # Outliers may break most cycles: the best tell, where there are enough of them.
 _SHARE = 0.1
 _MANY_CYCLES = 30
-_MIN_CYCLES = 3
 _MAX_CYCLES = 20000
+_MORE_ERRORS = 2  # standard ones, by which one other reading must be better than a simpler one
 
 
 @dataclass(frozen=True)
@@ -42,12 +49,31 @@ class OtherReading:
         w_first: whether quaternions are (w, x, y, z) that were read as (x, y, z, w).
         noise: rough noise angle of one edge in this reading, radians (see `Hardness.noise`).
         noise_as_read: the same of the graph as it is.
+        cycles: where the noise is large, the number of cycles without a common edge that were
+            looked at; else 0.
+        better: how many of these close better.
     """
 
     other_family: bool
     w_first: bool
     noise: float
     noise_as_read: float
+    cycles: int = 0
+    better: int = 0
+
+    @property
+    def finding(self) -> str:
+        """What the cycles say."""
+        before, after = np.degrees([self.noise_as_read, self.noise])
+        if self.cycles:
+            return (
+                f"{self.better} of {self.cycles} cycles without a common edge close better "
+                f"(median {after:.2g} deg an edge, as read {before:.2g})"
+            )
+        return (
+            f"the cycles do not close (about {before:.3g} deg an edge); they do far better "
+            f"({after:.2g} deg)"
+        )
 
 
 @dataclass(frozen=True)
@@ -60,24 +86,17 @@ class SuggestedReading:
             `MeasurementGraph.from_quaternions` (`order`), in place of what was passed.
         noise: rough noise angle of one edge in this reading, radians.
         noise_as_read: the same as it was read.
+        finding: what the cycles say, in words.
     """
 
     options: dict[str, str]
     noise: float
     noise_as_read: float
+    finding: str = field(repr=False)
 
     def __str__(self) -> str:
         ways = ", ".join(f"{name}={value!r}" for name, value in self.options.items())
         return f"{self.finding} with {ways}"
-
-    @property
-    def finding(self) -> str:
-        """What the cycles say."""
-        before, after = np.degrees([self.noise_as_read, self.noise])
-        return (
-            f"the cycles do not close (about {before:.3g} deg an edge); they do far better "
-            f"({after:.2g} deg)"
-        )
 
 
 def suggest_reading(
@@ -92,7 +111,10 @@ def suggest_reading(
 
     That is tried where the measurements around cycles miss the identity by more than half a degree
     an edge: the other family of conventions, and w first in quaternions. One in which they miss it
-    by a quarter at most is suggested. Look at this before a robust loss.
+    by a quarter at most is suggested; or, where noise and outliers hide that, one in which cycles
+    without a common edge close better on the average, by a tenth at least and beyond doubt (five
+    standard errors). Where readings are alike, as for rotations about one axis, none is. Look at
+    this before a robust loss.
 
     Args:
         source: a file, or a graph made of arrays.
@@ -133,7 +155,7 @@ def _suggestion(
         options["convention"] = "pose" if convention == "vision" else "vision"
     elif convention is not None and options:
         options["convention"] = convention
-    return SuggestedReading(options, found.noise, found.noise_as_read)
+    return SuggestedReading(options, found.noise, found.noise_as_read, found.finding)
 
 
 def other_reading(graph: MeasurementGraph, *, w_first: bool = True) -> OtherReading | None:
@@ -146,26 +168,57 @@ def other_reading(graph: MeasurementGraph, *, w_first: bool = True) -> OtherRead
     lengths = _core.cycle_lengths(graph._core, _sample(graph))
     edges = _sample(graph)[lengths > 1]
     lengths = lengths[lengths > 1]
-    if len(edges) < _MIN_CYCLES:
+    if len(edges) < LEAST_FEW:
         return None
     read = _errors(graph, np.asarray(graph.rotations), edges, lengths)
-    if _typical(read) < _NOISE_WORTH_A_LOOK:
+    if _typical(read) < NOISE_WORTH_A_LOOK:
         return None
     best: OtherReading | None = None
-    least = _typical(read) / _FACTOR
-    turned = graph.rotations
+    least = _typical(read) / FACTOR
+    ways = _other_ways(graph, w_first)
+    for (other, first), rotations in ways.items():
+        errors = _errors(graph, rotations, edges, lengths)
+        if _typical(errors) < least:
+            least = _typical(errors)
+            noise = float(np.median(errors)), float(np.median(read))
+            best = OtherReading(other, first, *noise)
+    return best or _better_on_average(graph, ways)
+
+
+def _other_ways(
+    graph: MeasurementGraph, w_first: bool
+) -> dict[tuple[bool, bool], NDArray[np.float64]]:
+    """Rotations (m, 3, 3) as they would be read otherwise: in the other family, with w first."""
+    R = np.asarray(graph.rotations)
+    ways = {(True, False): np.swapaxes(R, 1, 2)}
     if w_first:
-        turned = matrices_from_quaternions(np.roll(quaternions_from_matrices(turned), -1, axis=1))
-    for rotations, first in ((graph.rotations, False), (turned, True)):
-        for other in (False, True):
-            if not (first or other) or (first and not w_first):
-                continue
-            R = np.swapaxes(rotations, 1, 2) if other else rotations
-            errors = _errors(graph, R, edges, lengths)
-            if _typical(errors) < least:
-                least = _typical(errors)
-                noise = float(np.median(errors)), float(np.median(read))
-                best = OtherReading(other, first, *noise)
+        turned = matrices_from_quaternions(np.roll(quaternions_from_matrices(R), -1, axis=1))
+        ways.update({(False, True): turned, (True, True): np.swapaxes(turned, 1, 2)})
+    return ways
+
+
+def _better_on_average(
+    graph: MeasurementGraph, ways: dict[tuple[bool, bool], NDArray[np.float64]]
+) -> OtherReading | None:
+    """The reading in which cycles that share no edge close best, if that is beyond doubt."""
+    cycles = separate_cycles(graph.indices)
+    lengths = cycles.lengths
+    if len(lengths) < LEAST_SEPARATE:
+        return None
+    read = np.maximum(cycles.errors(np.asarray(graph.rotations)), NOISE_WORTH_A_LOOK)
+    best: OtherReading | None = None
+    least = read
+    for (other, first), rotations in ways.items():  # the simpler ones first
+        errors = np.maximum(cycles.errors(rotations), NOISE_WORTH_A_LOOK)
+        more = np.log(least / errors)
+        if (
+            is_better_on_average(read, errors)
+            and more.mean() > _MORE_ERRORS * standard_error(more)
+        ):  # fmt: skip
+            least = errors
+            after, before = (float(np.median(e / np.sqrt(lengths))) for e in (errors, read))
+            count = int((errors < read).sum())
+            best = OtherReading(other, first, after, before, len(read), count)
     return best
 
 

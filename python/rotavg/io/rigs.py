@@ -13,13 +13,15 @@ import csv
 import json
 import math
 import os
+import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.base.errors import FormatError
+from rotavg.base.errors import FormatError, GraphError, IncompleteWarning
 from rotavg.graph.conventions import convert_family, matrices_from_quaternions
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.colmap_database import COLMAP_DATABASE, ColmapImages, read_rigs_of
@@ -37,6 +39,10 @@ def read_rigs(path: str | os.PathLike[str], graph: MeasurementGraph) -> Rigs:
         path: COLMAP's rig_config.json, a COLMAP database (version 3.12 or later), or a CSV file of
             node, frame, sensor[, qw, qx, qy, qz].
         graph: the measurements; what the file says of other nodes is left out.
+
+    Warns:
+        IncompleteWarning: the file has sensors of which the graph has no image, or a table nodes
+            that the graph has not.
 
     Raises:
         FileAccessError: the file cannot be read.
@@ -72,7 +78,9 @@ def rigs_of(graph: MeasurementGraph) -> Rigs | None:
 def restricted(rigs: Rigs, graph: MeasurementGraph) -> Rigs:
     """The same for the nodes that a graph has."""
     known = set(graph.nodes.tolist())
-    return Rigs({k: v for k, v in rigs.images.items() if k in known}, rigs.rotations)
+    images = {k: v for k, v in rigs.images.items() if k in known}
+    sensors = {sensor for _, sensor in images.values()}
+    return Rigs(images, {s: C for s, C in rigs.rotations.items() if s in sensors})
 
 
 def _from_config(path: Path, text: str, graph: MeasurementGraph) -> Rigs:
@@ -87,6 +95,7 @@ def _from_config(path: Path, text: str, graph: MeasurementGraph) -> Rigs:
         raise FormatError("found no list of rigs, expected COLMAP's rig_config.json", path=path)
     images: dict[Any, tuple[Any, Any]] = {}
     rotations: dict[Any, NDArray[np.float64]] = {}
+    prefixes: list[str] = []
     for k, rig in enumerate(configuration, 1):
         cameras = rig.get("cameras") if isinstance(rig, dict) else None
         if not isinstance(cameras, list) or not cameras:
@@ -97,8 +106,9 @@ def _from_config(path: Path, text: str, graph: MeasurementGraph) -> Rigs:
             prefix = camera.get("image_prefix") if isinstance(camera, dict) else None
             if not isinstance(prefix, str):
                 raise FormatError(f"{where}: found no image_prefix", path=path)
-            if prefix in rotations or any(s == prefix for _, s in images.values()):
+            if prefix in prefixes:
                 raise FormatError(f"{where}: the prefix {prefix!r} stands twice", path=path)
+            prefixes.append(prefix)
             if camera.get("ref_sensor"):
                 references += 1
                 rotations[prefix] = np.eye(3)
@@ -116,7 +126,7 @@ def _from_config(path: Path, text: str, graph: MeasurementGraph) -> Rigs:
             raise FormatError(f"{found}, expected one with ref_sensor", path=path)
     if not images:
         raise FormatError("no image of the graph begins with any of the prefixes", path=path)
-    return Rigs(images, rotations)
+    return _present(path, images, rotations, prefixes)
 
 
 def _from_table(path: Path, text: str, graph: MeasurementGraph) -> Rigs:
@@ -133,6 +143,9 @@ def _from_table(path: Path, text: str, graph: MeasurementGraph) -> Rigs:
     known = set(graph.nodes.tolist())
     images: dict[Any, tuple[Any, Any]] = {}
     rotations: dict[Any, NDArray[np.float64]] = {}
+    listed: set[Any] = set()
+    taken: dict[tuple[str, str], int] = {}
+    sensors: dict[str, None] = {}
     for line, fields in rows[1:]:
         if len(fields) != len(header):
             found = f"found {len(fields)} fields, expected {len(header)}"
@@ -150,13 +163,42 @@ def _from_table(path: Path, text: str, graph: MeasurementGraph) -> Rigs:
                 found = f"the sensor {sensor!r} has another rotation before"
                 raise FormatError(found, path=path, line=line)
             rotations[sensor] = R
-        if node in images:
+        if node in listed:
             raise FormatError(f"the node {node!r} stands twice", path=path, line=line)
+        listed.add(node)
+        sensors[fields[2]] = None
         if node in known:
+            before = taken.setdefault((fields[1], fields[2]), line)
+            if before != line:
+                found = f"the node {node!r} is the second of sensor {fields[2]!r} in one frame"
+                raise FormatError(f"{found}, before in line {before}", path=path, line=line)
             images[node] = fields[1], fields[2]
     if not images:
         raise FormatError("none of the nodes in the file is in the graph", path=path)
-    return Rigs(images, rotations)
+    if len(images) < len(listed):
+        count = len(listed) - len(images)
+        told = f"{path}: {count} of {len(listed)} nodes are not in the graph"
+        warnings.warn(told, IncompleteWarning, stacklevel=3)
+    return _present(path, images, rotations, sensors)
+
+
+def _present(
+    path: Path,
+    images: dict[Any, tuple[Any, Any]],
+    rotations: dict[Any, NDArray[np.float64]],
+    sensors: Iterable[Any],
+) -> Rigs:
+    """The rigs of the sensors that these images have; of others in the file it is told."""
+    here = {sensor for _, sensor in images.values()}
+    absent = [sensor for sensor in sensors if sensor not in here]
+    if absent:
+        names = ", ".join(map(repr, absent[:3])) + (", ..." if len(absent) > 3 else "")
+        told = f"{path}: the graph has no image of {len(absent)} of the sensors: {names}"
+        warnings.warn(told, IncompleteWarning, stacklevel=4)
+    try:
+        return Rigs(images, {s: R for s, R in rotations.items() if s in here})
+    except GraphError as error:
+        raise FormatError(str(error), path=path) from None
 
 
 def _rotation(

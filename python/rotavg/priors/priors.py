@@ -8,6 +8,8 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from rotavg.priors.checks import check_fixed, check_rigs
+
 
 @dataclass(frozen=True, eq=False)
 class Rigs:
@@ -20,10 +22,17 @@ class Rigs:
     Attributes:
         images: (frame, sensor) of a node, each an integer or a name; a sensor is in a frame once.
         rotations: C (3, 3) = rig_from_sensor of the sensors that are known.
+
+    Raises:
+        GraphError: an image has no frame and sensor, or those of another one; a rotation is none;
+            or there are rotations, and of no sensor that an image has.
     """
 
     images: Mapping[Any, tuple[Any, Any]]
     rotations: Mapping[Any, ArrayLike] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_rigs(self.images, self.rotations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +54,9 @@ class Priors:
             C = rig_from_camera. Or Rigs, where some sensors are not known (docs/rigs.md).
         positions: (position p (3,) in the world, information (3, 3)) of a node of a pose graph, for
             `refine_poses` alone: averaging rotations does not use them.
+
+    Raises:
+        GraphError: a fixed rotation is of an image of `Rigs` whose sensor is to be estimated.
     """
 
     fixed: Mapping[Any, ArrayLike] = field(default_factory=dict)
@@ -53,6 +65,10 @@ class Priors:
     down: ArrayLike = (0.0, 1.0, 0.0)
     rigs: Mapping[Any, tuple[Any, ArrayLike]] | Rigs = field(default_factory=dict)
     positions: Mapping[Any, tuple[ArrayLike, ArrayLike]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.rigs, Rigs) and isinstance(self.fixed, Mapping):
+            check_fixed(self.fixed, self.rigs.images, self.rigs.rotations)
 
     @property
     def hold_world(self) -> bool:

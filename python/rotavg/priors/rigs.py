@@ -217,19 +217,10 @@ def sensors_of(graph: MeasurementGraph, priors: Priors) -> Sensors:
         raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
     rigs = priors.rigs
     assert isinstance(rigs, Rigs)
-    for name, value in (("images", rigs.images), ("rotations", rigs.rotations)):
-        if not isinstance(value, Mapping):
-            raise GraphError(f"{name} of rigs are no mapping, expected a dict")
     rows, frames, sensors, images = [], [], [], {}
     frame_rows: dict[Any, int] = {}
     sensor_rows: dict[Any, int] = {}
     for item in of_nodes(graph, rigs.images, "rig"):
-        if not isinstance(item.value, (tuple, list)) or len(item.value) != 2:
-            raise GraphError(f"{item.what} is {item.value!r}, expected a pair of frame and sensor")
-        for what, value in zip(("frame", "sensor"), item.value):
-            if not isinstance(value, (int, str, np.integer)):
-                found = f"{item.what} has the {what} {value!r}"
-                raise GraphError(f"{found}, expected an integer or a name")
         frame, sensor = item.value
         rows.append(item.row)
         frames.append(frame_rows.setdefault(frame, len(frame_rows)))
