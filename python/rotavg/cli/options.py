@@ -48,7 +48,8 @@ columns = click.option(
     "--columns",
     metavar="WORDS",
     help="What the columns of a text or CSV file without a header are, such as "
-    "i,j,qw,qx,qy,qz,weight; rx,ry,rz for rotation vectors, r11,...,r33 for matrices, _ for none.",
+    "i,j,qw,qx,qy,qz,weight; rx,ry,rz for rotation vectors (radians; rx_deg,...), "
+    "r11,...,r33 for matrices, _ for none.",
 )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from rotavg.evaluation.paired import (
     is_better_on_average,
     standard_error,
 )
-from rotavg.evaluation.separate_cycles import separate_cycles
+from rotavg.evaluation.separate_cycles import in_degrees, separate_cycles
 from rotavg.graph.conventions import (
     Convention,
     matrices_from_quaternions,
@@ -31,7 +32,7 @@ from rotavg.graph.conventions import (
 )
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.formats import TABLES, input_of, read, words_of
-from rotavg.io.table import w_first_columns
+from rotavg.io.other_columns import degree_columns, w_first_columns
 
 # Outliers may break most cycles: the best tell, where there are enough of them.
 _SHARE = 0.1
@@ -109,6 +110,9 @@ def suggest_reading(
 ) -> SuggestedReading | None:
     """The way to read a file, or arrays, in which the cycles close, if that is another.
 
+    Of text and CSV with rotation vectors also degrees: where cycles of what was read miss the
+    identity by anything, and of the vectors in degrees by little of what their edges turn.
+
     That is tried where the measurements around cycles miss the identity by more than half a degree
     an edge: the other family of conventions, and w first in quaternions. One in which they miss it
     by a quarter at most is suggested; or, where noise and outliers hide that, one in which cycles
@@ -135,16 +139,42 @@ def suggest_reading(
     if graph is None:
         graph = read(source, format=format, convention=convention, columns=columns)
     found = other_reading(graph)
-    if found is None or graph.source is not None:  # of a format that leaves nothing open
+    if graph.source is not None:  # of a format that leaves nothing open
         return None
     words = None if columns is None else words_of(columns)
-    _, data, form = input_of(source, format, words)
-    if not form.any_convention:
+    path, data, form = input_of(source, format, words)
+    degrees = degree_columns(data, words) if form in TABLES else None
+    if degrees is not None:
+        suggested = _in_degrees(graph, path, degrees, format, convention)
+        if suggested is not None:
+            return suggested
+    if found is None or not form.any_convention:
         return None
     last = w_first_columns(data, words) if form in TABLES else None
     if last is None and found.w_first:
         found = other_reading(graph, w_first=False)
     return None if found is None else _suggestion(found, convention, "columns", last)
+
+
+def _in_degrees(
+    graph: MeasurementGraph,
+    path: Path,
+    columns: str,
+    format: str | None,
+    convention: Convention | None,
+) -> SuggestedReading | None:
+    errors = in_degrees(
+        graph, lambda: read(path, format=format, convention=convention, columns=columns)
+    )
+    if errors is None:
+        return None
+    before, after = errors
+    finding = (
+        f"the cycles do not close (median {np.degrees(before):.3g} deg); of rotation vectors in "
+        f"degrees they do ({np.degrees(after):.2g} deg)"
+    )
+    options = {"columns": columns, **({} if convention is None else {"convention": convention})}
+    return SuggestedReading(options, after, before, finding)
 
 
 def _suggestion(

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotavg.graph.measurement_graph import MeasurementGraph
+
+_FEW_CYCLES = 5
+_ANYTHING = float(np.radians(60.0))  # of rotations at random half are beyond 130
+_LITTLE = 0.3  # of independent rotations it is 1
 _MOST_EDGES = 50_000  # that are looked at
 _MOST_CYCLES = 1000
 _MOST_VISITED = 400  # nodes, in the search for one cycle
@@ -116,3 +121,30 @@ def _way_around(neighbours: dict[int, dict[int, int]], i: int, j: int) -> list[i
                     following.append(other)
         layer = following
     return None
+
+
+def in_degrees(
+    read: MeasurementGraph, told: Callable[[], MeasurementGraph]
+) -> tuple[float, float] | None:
+    """Median errors of cycles as they were read, and in degrees, if they were meant so; radians.
+
+    Small rotations close nearly, whatever they are. So the cycles must miss by anything as read,
+    and in degrees by little of what their edges turn.
+
+    Args:
+        read: rotation vectors taken for radians.
+        told: gives the same taken for degrees.
+    """
+    cycles = separate_cycles(read.indices)
+    if len(cycles.lengths) < _FEW_CYCLES:
+        return None
+    before = float(np.median(cycles.errors(np.asarray(read.rotations))))
+    if before < _ANYTHING:
+        return None
+    R = np.asarray(told().rotations)
+    after = cycles.errors(R)
+    turned = 2 * np.arcsin(np.minimum(1, np.linalg.norm(R - np.eye(3), axis=(1, 2)) / 8**0.5))
+    total = np.concatenate([np.sqrt((turned[rows] ** 2).sum(axis=1)) for rows in cycles.edges])
+    if np.median(after / np.maximum(total, 1e-300)) > _LITTLE:
+        return None
+    return before, float(np.median(after))

@@ -11,16 +11,18 @@ from numpy.typing import NDArray
 from rotavg.base.errors import GraphError, require
 from rotavg.graph import conventions
 from rotavg.graph.ids import IdArray, as_edges, edge_error
+from rotavg.graph.units import note_of_degrees
 
 _QUATERNION = tuple(f"q{axis}" for axis in "xyzw")
 _ROTVEC = tuple(f"r{axis}" for axis in "xyz")
+_ROTVEC_DEG = tuple(f"r{axis}_deg" for axis in "xyz")
 _MATRIX = tuple(f"r{row}{column}" for row in range(3) for column in range(3))
 
 
 def arrays_from_frame(
     frame: Any,
-) -> tuple[IdArray, NDArray[np.float64], NDArray[np.float64] | None]:
-    """Edges (m, 2), rotations (m, 3, 3) and weights (m,), if there are any, of a pandas frame."""
+) -> tuple[IdArray, NDArray[np.float64], NDArray[np.float64] | None, tuple[str, ...]]:
+    """Edges (m, 2), rotations (m, 3, 3), weights (m,), if there are any, and notes, of a frame."""
     if not hasattr(frame, "columns"):
         raise GraphError(f"found a {type(frame).__name__}, expected a pandas.DataFrame")
     columns = {str(column) for column in frame.columns}
@@ -34,27 +36,30 @@ def arrays_from_frame(
         except (TypeError, ValueError) as error:
             raise GraphError(f"the columns {_list(names)} are no numbers: {error}") from None
 
+    notes: tuple[str, ...] = ()
     if set(_QUATERNION) <= columns:
         quaternions = numbers(_QUATERNION)
         bad = conventions.first_bad_quaternion(quaternions)
         if bad is not None:
             raise edge_error(edges, *bad)
         rotations = conventions.matrices_from_quaternions(quaternions)
-    elif set(_ROTVEC) <= columns:
-        rotvecs = numbers(_ROTVEC)
+    elif set(_ROTVEC) <= columns or set(_ROTVEC_DEG) <= columns:
+        degrees = not set(_ROTVEC) <= columns
+        rotvecs = numbers(_ROTVEC_DEG if degrees else _ROTVEC)
         finite = np.isfinite(rotvecs).all(axis=1)
         if not finite.all():
             k = int(np.argmin(finite))
             found = f"the rotation vector is {rotvecs[k].tolist()}, expected finite numbers"
             raise edge_error(edges, k, found)
-        rotations = conventions.matrices_from_rotvecs(rotvecs)
+        notes = () if degrees else note_of_degrees(edges, rotvecs)
+        rotations = conventions.matrices_from_rotvecs(np.radians(rotvecs) if degrees else rotvecs)
     elif set(_MATRIX) <= columns:
         rotations = numbers(_MATRIX).reshape(-1, 3, 3)
     else:
-        expected = f"{_list(_QUATERNION)}, {_list(_ROTVEC)} or r00 to r22"
+        expected = f"{_list(_QUATERNION)}, {_list(_ROTVEC)} (rx_deg ...) or r00 to r22"
         raise GraphError(f"the frame has the columns {_list(columns)}, expected {expected}")
     weights = numbers(("weight",))[:, 0] if "weight" in columns else None
-    return edges, rotations, weights
+    return edges, rotations, weights, notes
 
 
 def frame_of_edges(

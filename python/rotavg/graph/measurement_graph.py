@@ -18,6 +18,7 @@ from rotavg.graph.covariances import first_bad_covariance, isotropic_weights, po
 from rotavg.graph.ids import IdArray, as_edges, as_nodes, edge_error, rows_of, unique_ids
 from rotavg.graph.nearest import TOLERANCE, projected
 from rotavg.graph.translations import RelativeTranslations
+from rotavg.graph.units import note_of_degrees
 from rotavg.graph.unused import not_used
 
 
@@ -231,6 +232,7 @@ class MeasurementGraph:
         weights: ArrayLike | None = None,
         nodes: ArrayLike | None = None,
         *,
+        degrees: bool = False,
         convention: Convention = "pose",
         covariances: ArrayLike | None = None,
         translations: RelativeTranslations | None = None,
@@ -241,7 +243,8 @@ class MeasurementGraph:
     ) -> MeasurementGraph:
         """Graph from relative rotations as rotation vectors (m, 3): axis times angle in radians.
 
-        Everything else is as in the constructor.
+        With `degrees` the angle is in degrees. Where some are longer than a full turn, `notes` asks
+        whether they are. Everything else is as in the constructor.
         """
         ids = as_edges(edges)
         given = as_floats(rotvecs, (len(ids), 3), "rotvecs", copy=False)
@@ -250,6 +253,10 @@ class MeasurementGraph:
             k = int(np.argmin(finite))
             reason = f"the rotation vector is {given[k].tolist()}, expected finite numbers"
             raise edge_error(ids, k, reason)
+        if degrees:
+            given = np.radians(given)
+        else:
+            notes += note_of_degrees(ids, given)
         xyzw = conventions.quaternions_from_rotvecs(given)
         return cls(
             ids,
@@ -337,13 +344,14 @@ class MeasurementGraph:
         """
         from rotavg.graph.dataframes import arrays_from_frame
 
-        edges, rotations, weights = arrays_from_frame(frame)
+        edges, rotations, weights, notes = arrays_from_frame(frame)
         return cls(
             edges,
             rotations,
             weights,
             nodes,
             convention=convention,
+            notes=notes,
             skip_self_edges=skip_self_edges,
         )
 

@@ -2,7 +2,7 @@
 
     i j, or id                        node ids; from/to, name1/name2, image_id1/image_id2 ...
     qx qy qz qw, in any order         a quaternion
-    rx ry rz                          a rotation vector in radians
+    rx ry rz                          a rotation vector in radians; rx_deg ry_deg rz_deg in degrees
     r11 r12 ... r33, or r00 ... r22   a matrix, row and column
     weight                            if there is one
     cxx cxy cxz cyy cyz czz           the covariance of the rotation, radians^2, if there is one
@@ -21,11 +21,13 @@ Kind = Literal["quaternion", "rotation vector", "matrix"]
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _VECTOR = ("rx", "ry", "rz")
+_DEGREES = ("rxdeg", "rydeg", "rzdeg")
 _MATRIX = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 _ROTATIONS: tuple[tuple[Kind, tuple[str, ...]], ...] = (
     ("quaternion", _QUATERNION),
     ("matrix", _MATRIX),
     ("rotation vector", _VECTOR),
+    ("rotation vector", _DEGREES),
 )
 COVARIANCE = ("cxx", "cxy", "cxz", "cyy", "cyz", "czz")
 EXPECTED = "i and j (or id), a rotation (qx qy qz qw, rx ry rz or r11 ... r33), and weight"
@@ -41,7 +43,11 @@ _NUMBERED = re.compile(rf"(?:{_NODE})([012ijab])")
 _NODES = re.compile(rf"(?:{_NODE}|filename|file|timestamp)")
 _SPELT = (
     (re.compile(r"(?:q|quat|quaternion)([xyzw])"), "q{}"),
-    (re.compile(r"(?:r|rv|rvec|rotvec|rot|rotationvector|w|omega|so3)([xyz])"), "r{}"),
+    (re.compile(r"(?:r|rv|rvec|rotvec|rot|rotationvector|w|omega|so3)([xyz])(?:rads?)?"), "r{}"),
+    (
+        re.compile(r"(?:r|rv|rvec|rotvec|rot|rotationvector|w|omega|so3)([xyz])deg(?:rees?)?"),
+        "r{}deg",
+    ),
     (re.compile(r"(?:r|m|rot)([123][123])"), "r{}"),
 )
 _ZERO_BASED = re.compile(r"(?:r|m|rot)([012])([012])")
@@ -60,6 +66,7 @@ class Layout:
         weight: place of the weight; None without one.
         component: place of the label of the node's component; None without one.
         covariance: places of the upper triangle, row by row; empty without one.
+        degrees: whether a rotation vector is in degrees.
     """
 
     words: tuple[str, ...]
@@ -69,6 +76,7 @@ class Layout:
     weight: int | None
     component: int | None
     covariance: tuple[int, ...] = ()
+    degrees: bool = False
 
     @property
     def numbers(self) -> tuple[int, ...]:
@@ -111,6 +119,7 @@ def layout_of(words: Sequence[str], num_ids: int) -> Layout | None:
         weight=names.index(weight) if weight in names and num_ids == 2 else None,
         component=names.index("component") if "component" in names and num_ids == 1 else None,
         covariance=tuple(names.index(name) for name in spread),
+        degrees=wanted == _DEGREES,
     )
 
 

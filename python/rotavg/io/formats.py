@@ -76,8 +76,8 @@ def read(
         skip_self_edges: leave out edges from a node to itself, instead of refusing them.
         columns: what the columns of a text or CSV file are that has no header to say so, such as
             "i,j,qw,qx,qy,qz,weight" or a list of these words: rotations as quaternions,
-            rotation vectors "rx,ry,rz" in radians, or matrices "r11,r12,...,r33"; "_" for a
-            column that is not to be read.
+            rotation vectors "rx,ry,rz" in radians ("rx_deg,ry_deg,rz_deg" in degrees), or matrices
+            "r11,r12,...,r33"; "_" for a column that is not to be read.
         covariances: whether to estimate the covariance of every relative rotation of a COLMAP
             database from the inliers of its pair (docs/covariances.md; needs pycolmap, the extra
             [colmap]). Other formats hold covariances, which are always read, or do not.

@@ -28,6 +28,7 @@ from rotavg.io.absolute import (
     check_quaternions,
     distinct,
 )
+from rotavg.io.angles import angle_notes
 from rotavg.io.dialects import DIALECTS, G2O_3D, Dialect
 from rotavg.io.g2o_lines import Lines, check_fixed, edge_table, integers, read_at_once
 from rotavg.io.lines import (
@@ -137,6 +138,8 @@ def _graph(
     notes = _unknown_notes(unknown)
     if dialect is G2O_3D:
         notes += quaternion_notes(path, turns, lines)
+    else:
+        notes += angle_notes(turns, lines)
     told = table.shape[1] > dialect.num_pose
     information = table[:, dialect.num_pose :] if told else None  # the values of it
     if not told:

@@ -27,6 +27,7 @@ from rotavg.graph.conventions import (
     xyzw_from_wxyz,
 )
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.io.angles import angle_notes
 from rotavg.io.json_data import entries, member, numbers, parsed, whole
 from rotavg.io.measured_poses import Places, in_space, inverse, measured_poses
 from rotavg.io.registry import Format, ReadOptions
@@ -82,6 +83,7 @@ def read_jrl(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     omega = inverse(path, np.array(chosen.covariances), places)
     if dimension == 2:
         rotations = matrices_from_angles_about_z(poses[:, 2:])
+        notes += angle_notes(poses[:, 2:], chosen.names)
         vectors = np.hstack([poses[:, :2], np.zeros((len(poses), 1))])
         omega = in_space(omega)
     else:

@@ -19,6 +19,7 @@ import numpy as np
 from rotavg.base.errors import FormatError
 from rotavg.graph.conventions import first_bad_quaternion
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.io.angles import angle_notes
 from rotavg.io.dialects import G2O_2D, G2O_3D, Dialect
 from rotavg.io.lines import check_finite, content_lines, is_number, number_table, shown
 from rotavg.io.measured_poses import Places, in_space, inverse, measured_poses
@@ -76,6 +77,8 @@ def read_pyfg(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph
         if bad is not None:
             raise places.error(path, *bad)
         notes += quaternion_notes(path, turns, lines)
+    else:
+        notes += angle_notes(turns, lines)
     omega = inverse(path, dialect.matrices(table[:, dialect.num_pose :]), places)
     edges = [(_name(f[0]), _name(f[1])) for f in fields_of]
     seen = dict.fromkeys(name for pair in edges for name in pair)

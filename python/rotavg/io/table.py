@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from rotavg.base.errors import FormatError
 from rotavg.graph.conventions import matrices_from_rotvecs
 from rotavg.graph.ids import IdArray
+from rotavg.graph.units import TURN, beyond_a_turn
 from rotavg.io import bulk
 from rotavg.io.columns import EXPECTED, Layout, layout_of
-from rotavg.io.fields import Row, Rows, header_of, is_header, says_something, split, title_words
+from rotavg.io.fields import Row, Rows, header_of, is_header, says_something, split
 from rotavg.io.lines import (
     check_finite,
-    content_lines,
     ids_of,
     is_number,
     number_table,
@@ -31,8 +31,7 @@ from rotavg.io.lines import (
 )
 from rotavg.io.rounding import matrix_notes, quaternion_notes
 
-_LAST = ("qx", "qy", "qz", "qw")
-_TURN = 2 * np.pi + 0.01
+DEGREES_HINT = "of degrees name the columns rx_deg, ry_deg, rz_deg"
 
 
 @dataclass(frozen=True)
@@ -75,14 +74,26 @@ class Table:
         if self.layout.kind == "matrix":
             matrices = self.numbers.reshape(-1, 3, 3)
             return matrices, matrix_notes(path, matrices, self.lines)
+        return self._of_vectors(path)
+
+    def _of_vectors(self, path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+        vectors = np.radians(self.numbers) if self.layout.degrees else self.numbers
         with np.errstate(over="ignore"):
-            length = np.linalg.norm(self.numbers, axis=1)
-        if (length > _TURN).any():
-            row = int(np.argmax(length > _TURN))
-            found = f"found a rotation vector of length {length[row]:.6g}"
-            expected = "expected radians, at most 2 pi"
+            length = np.linalg.norm(vectors, axis=1)
+        far = length > TURN
+        names = ("rotation vector", "rotation vectors")
+        odd = None if self.layout.degrees else beyond_a_turn(length, vectors, names)
+        if far.any():
+            row = int(np.argmax(far))
+            found = f"found a rotation vector of length {np.linalg.norm(self.numbers[row]):.6g}"
+            expected = "expected degrees, at most 360"
+            if odd is not None:
+                expected = f"expected radians, at most 2 pi ({odd[1]}; {DEGREES_HINT})"
             raise FormatError(f"{found}, {expected}", path=path, line=self.lines[row])
-        return matrices_from_rotvecs(self.numbers), ()
+        notes: tuple[str, ...] = ()
+        if odd is not None:
+            notes = (f"{odd[1]}, first in line {self.lines[odd[0]]}: {DEGREES_HINT}",)
+        return matrices_from_rotvecs(vectors), notes
 
 
 def read_table(
@@ -173,31 +184,6 @@ def _in_order(columns: NDArray[Any], places: Sequence[int]) -> NDArray[Any]:
     """The columns (m, k) found in rising order of their places, in the order of these."""
     order = np.argsort(np.argsort(places))
     return columns if (order == np.arange(len(places))).all() else columns[:, order]
-
-
-def w_first_columns(data: bytes, columns: Sequence[str] | None) -> str | None:
-    """The columns of a table of edges, with the w of its quaternions first instead of last.
-
-    None where it is not last: then it was said, or there are no quaternions.
-    """
-    row = next((text for _, text in content_lines(Path(), data) if says_something(text)), b"")
-    words = list(columns or title_words(data))
-    layout = None if is_header(row, 2) else layout_of(words, 2)
-    fields = split(row, (6, 7), named=False)
-    if is_header(row, 2):
-        layout = header_of(row, 2)
-    elif layout is None or len(words) != len(fields):
-        usual = ["i", "j", *_LAST, "weight"][: len(fields)]
-        layout = layout_of(usual, 2) if len(usual) == len(fields) else None
-    if layout is None or layout.kind != "quaternion":
-        return None
-    x, y, z, w = layout.rotation
-    if (y, z, w) != (x + 1, x + 2, x + 3):
-        return None
-    read = {*layout.ids, *layout.numbers}
-    names = [word if k in read else "_" for k, word in enumerate(layout.words)]
-    names[x : w + 1] = [_LAST[3], *_LAST[:3]]
-    return ",".join(names)
 
 
 def _by_title(row: Row, title: Sequence[str], num_ids: int) -> tuple[Layout | None, bool]:
