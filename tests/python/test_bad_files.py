@@ -27,7 +27,7 @@ def test_missing_file(tmp_path: Path, name: str) -> None:
 
 
 def test_directory(tmp_path: Path) -> None:
-    with pytest.raises(FileAccessError, match="cannot be read: Is a directory"):
+    with pytest.raises(FileAccessError, match="cannot be read: it is a folder, expected a file"):
         read(tmp_path)
 
 

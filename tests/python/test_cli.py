@@ -199,7 +199,7 @@ def test_no_certify(graph_file: Path) -> None:
         (["solve", "missing.g2o"], "missing.g2o: cannot be read: No such file"),
         (["solve", "empty.g2o"], "empty.g2o: the file is empty"),
         (["solve", "graph.g2o", "-o", "no/such/folder/out.g2o"], "cannot be written"),
-        (["solve", "graph.g2o", "-o", "out.xyz"], "known formats"),
+        (["solve", "graph.g2o", "-o", "out.xyz"], "formats that are written"),
         (["solve", "graph.g2o", "--magic"], "No such option"),
         (["solve", "graph.g2o", "--method", "magic"], "'magic' is not one of"),
         (["solve", "graph.g2o", "--tolerance", "-1"], "-1"),
@@ -209,14 +209,14 @@ def test_no_certify(graph_file: Path) -> None:
         (["simulate", "klein_bottle", "-n", "5", "-o", "x.g2o"], "'klein_bottle' is not one of"),
         (["simulate", "cycle", "-n", "1", "-o", "x.g2o"], "1 is not in the range"),
         (["simulate", "cycle", "-n", "5", "--drop", "0.9", "-o", "x.g2o"], "drop"),
-        (["convert", "graph.g2o", "out.xyz"], "known formats"),
+        (["convert", "graph.g2o", "out.xyz"], "formats that are written"),
         (["convert", "graph.g2o", "out.db"], "out.db: colmap is a format for input only"),
         (["convert", "graph.g2o", "out.tum"], "found a graph to write, expected a solution"),
         (["solve", "graph.g2o", "-o", "EGs.txt"], "found a solution to write, expected a graph"),
         (["solve", "graph.g2o", "--output-format", "1dsfm"], "'1dsfm' is not one of"),
         (["info", "graph.g2o", "--format", "csv"], "graph.g2o:1: found"),
         (["info", "graph.g2o", "--convention", "vision"], "g2o is in the pose family"),
-        (["info", "."], "cannot be read: Is a directory"),
+        (["info", "."], "cannot be read: it is a folder, expected a file"),
         (["solve", "graph.g2o", "--edges", "link.g2o"], "link.g2o: it would replace another file"),
         (["solve", "graph.g2o", "--covariances", "graph.g2o"], "would replace another file"),
         (["solve", "graph.g2o", "-o", "a.g2o", "--edges", "./a.g2o"], "would replace another file"),
@@ -253,7 +253,7 @@ def test_the_command_offers_every_choice_of_the_library() -> None:
     choices = {"method": Method, "init": Init, "stop": Stop, "mu": Mu, "loss": Loss}
     choices["weight_kind"] = WeightKind
     choices["gauge"] = Gauge
-    choices["convention"] = Convention
+    choices["convention"] = choices["fixed_convention"] = Convention
     expected = {name: get_args(words) for name, words in choices.items()}
     expected["format"] = tuple(form.name for form in FORMATS if form.read)
     expected["output_format"] = tuple(
@@ -309,7 +309,7 @@ def test_a_word_goes_before_a_file_of_the_same_name(update: Path) -> None:
         ("none.npz", "none.npz: "),
         ("wrong.npz", "wrong.npz: rotations of node 0 is no rotation"),
         ("", "'' is not one of auto"),
-        (".", "cannot be read: Is a directory"),
+        (".", "cannot be read: it is a folder, expected a file"),
     ],
 )
 def test_a_bad_start_is_exit_status_2(init: str, message: str, update: Path) -> None:

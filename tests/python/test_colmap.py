@@ -322,7 +322,7 @@ def test_images_without_a_database(tmp_path: Path) -> None:
     R = matrices_from_quaternions(wxyz[:, [1, 2, 3, 0]])
     np.testing.assert_allclose(R, np.swapaxes(solution.rotations, 1, 2), atol=1e-15)
     assert quaternions_from_matrices(R).shape == (4, 4)
-    with pytest.raises(FormatError, match="colmap_images is a format for output only"):
+    with pytest.raises(FormatError, match="colmap_images holds rotations alone"):
         read(tmp_path / "images.txt")
     with pytest.raises(FormatError, match="found a graph to write, expected a solution"):
         write(tmp_path / "images.txt", graph)

@@ -149,7 +149,7 @@ def test_command_line(room: Path, tmp_path: Path) -> None:
         (["room", "-o", "out.txt"], "a.png: found no focal length"),
         (["missing", "-o", "out.txt"], "missing: cannot be read: No such file"),
         (["empty", "-o", "out.txt"], "found 0 photographs in the folder"),
-        (["room", "-o", "out.xyz", "--focal", "300"], "known formats"),
+        (["room", "-o", "out.xyz", "--focal", "300"], "formats that are written"),
         (["room", "-o", "no/out.txt", "--focal", "300"], "cannot be written"),
         (["room", "-o", "out.g2o", "--focal", "300"], "names"),
         (["blanks", "-o", "out.txt", "--focal", "300"], "'a 1.png'"),

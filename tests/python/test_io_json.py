@@ -300,3 +300,20 @@ def test_pyfg_without_edges(tmp_path: Path) -> None:
     path.write_text("VERTEX_SE2 0 A0 0 0 0\nEDGE_RANGE 0 A0 L0 1 1\n")
     with pytest.raises(rotavg.FormatError, match=r"no edges: no line .*found EDGE_RANGE: 1"):
         rotavg.read(path)
+
+
+def test_numbers_at_the_ends_of_what_there_is_are_refused_or_read(tmp_path: Path) -> None:
+    """What a fuzzer found: sums of covariances that overflow, integers that no double holds."""
+    path = tmp_path / "a.jrl"
+    pose = {"type": "Pose3", "translation": [0, 0, 0], "rotation": [1, 0, 0, 0]}
+    factor = {"type": "BetweenFactorPose3", "key1": 0, "key2": 1, "measurement": pose}
+    for scale, message in (
+        (1.7e308, "found the weight 2.94118e-309"),
+        (1e-320, "too small to invert"),
+        (10**400, "expected a finite number"),
+    ):
+        covariance = [scale if k % 7 == 0 else 0 for k in range(36)]
+        entry = {"stamp": 0, "measurements": [{**factor, "covariance": covariance}]}
+        path.write_text(json.dumps({"name": "a", "robots": ["a"], "measurements": {"a": [entry]}}))
+        with pytest.raises(rotavg.FormatError, match=message):
+            rotavg.read(path)

@@ -352,7 +352,7 @@ def test_the_command_writes_a_report_that_says_how_to_repeat_it(tmp_path: Path) 
         (["--report", "out.g2o"], "out.g2o: the name of a report ends in .html"),
         (["--report", "graph.html"], "would replace another file of this run"),
         (["--report", "./link.html"], "would replace another file of this run"),
-        (["--report", "x.html", "-o", "x.html"], "known formats"),
+        (["--report", "x.html", "-o", "x.html"], "formats that are written"),
         (["--report", "no/folder/x.html"], "no/folder/x.html: cannot be written: there is no"),
         (["--report", "folder.html"], "cannot be written: it is a folder"),
     ],

@@ -94,7 +94,7 @@ def _check_output(folder: Path, output: Path) -> None:
     check_writable(output)
     names = [path.name for path in find_photographs(folder)]
     chain = list(zip(names, names[1:]))
-    form = by_suffix(FORMATS, output)
+    form = by_suffix(FORMATS, output, to_write=True)
     if form.write is not None:
         form.write(output, rotavg.MeasurementGraph(chain, [np.eye(3)] * len(chain)))
 

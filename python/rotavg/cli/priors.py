@@ -109,9 +109,6 @@ def read_priors(
     if gravity is not None:
         names, vectors = read_gravity(gravity)
         downs = _of_nodes(graph, gravity, _ids(graph, names), vectors)
-        for node, down in downs.items():
-            if not np.any(down):
-                raise rotavg.FormatError(f"gravity of {node!r} is zero", path=gravity)
     return rotavg.Priors(
         fixed=rotations,
         gravity={node: (down, weight) for node, down in downs.items()},

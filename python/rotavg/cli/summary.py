@@ -46,12 +46,16 @@ def _residuals(solution: rotavg.Solution) -> dict[str, float]:
     return {"median_deg": median, "percentile_95_deg": high, "largest_deg": degrees.max()}
 
 
-def _uncertainty(solution: rotavg.Solution) -> dict[str, float] | None:
+def _uncertainty(solution: rotavg.Solution) -> dict[str, Any] | None:
     known = solution.known_covariances
     if known is None:
         return None
     rms = rms_degrees(known)
-    return {"median_deg": float(np.median(rms)), "largest_deg": rms.max()}
+    return {
+        "median_deg": float(np.median(rms)),
+        "largest_deg": rms.max(),
+        "beyond_half_a_turn": int((rms > 180.0).sum()),
+    }
 
 
 def _priors(solution: rotavg.Solution) -> dict[str, int] | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +26,12 @@ def first_bad_covariance(covariances: NDArray[np.float64]) -> tuple[int, str] | 
     if not finite[row]:
         return row, "the covariance holds a NaN or an infinity"
     return row, "the covariance is not symmetric and positive definite"
+
+
+def symmetric(matrices: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """The symmetric parts of (..., 3, 3), of entries up to the largest that there are."""
+    result: NDArray[np.float64] = 0.5 * matrices + 0.5 * np.swapaxes(matrices, -1, -2)
+    return result
 
 
 def surely_definite(matrices: NDArray[np.float64], size: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -98,6 +106,5 @@ def _inverses(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     result *= scale[:, :, None] * scale[:, None, :]
     result /= det[:, None, None]
     if poor.any():
-        solved = np.linalg.inv(matrices[poor])
-        result[poor] = (solved + np.swapaxes(solved, 1, 2)) / 2
+        result[poor] = symmetric(np.linalg.inv(matrices[poor]))
     return result

@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rotavg.graph.covariances import symmetric
+
 Array = NDArray[np.float64]
 
 
@@ -46,7 +48,7 @@ class Equations(NamedTuple):
             known &= values[:, 0] >= 1e-10
             inverse = (vectors / values[:, None]) @ np.swapaxes(vectors, 1, 2) / outer
             inverse = inverse[:, :3, :3] * np.asarray(variance)[:, None, None]
-        inverse = (inverse + np.swapaxes(inverse, 1, 2)) / 2
+        inverse = symmetric(inverse)
         return np.where(known[:, None, None], inverse, np.nan)
 
 

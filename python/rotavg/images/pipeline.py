@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.base.errors import GraphError, OptionError
-from rotavg.graph.covariances import first_bad_covariance
+from rotavg.graph.covariances import first_bad_covariance, symmetric
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.images.features import Photograph, extract, find_photographs, focal_length
 from rotavg.images.matching import match
@@ -154,7 +154,7 @@ def _covariances(pairs: list[Pair]) -> NDArray[np.float64] | None:
     if len(known) < len(pairs):
         return None
     covariances = np.array(known)
-    covariances = (covariances + np.swapaxes(covariances, 1, 2)) / 2
+    covariances = symmetric(covariances)
     return None if first_bad_covariance(covariances) is not None else covariances
 
 

@@ -84,7 +84,7 @@ def read_fields(
     if not lines:
         raise FormatError(f"the file has no rotations, {expected}", path=path)
     table = number_table(path, numbers, lines, len(QUATERNION))
-    check_finite(path, table, lines)
+    check_finite(path, table, lines, QUATERNION)
     notes = check_quaternions(path, table, lines)
     nodes = distinct(path, ids_of(path, ids), lines)
     return AbsoluteRotations(nodes, matrices_from_quaternions(table), notes=notes)

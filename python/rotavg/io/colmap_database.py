@@ -199,8 +199,12 @@ def read_gravity_of(path: Path) -> tuple[list[str], NDArray[np.float64]]:
         ).fetchall()
     vectors = [_vector(path, name, blob, 3) for name, blob in rows]
     known = [k for k, vector in enumerate(vectors) if np.isfinite(vector).all()]
-    found = np.array([vectors[k] for k in known]).reshape(-1, 3)
-    return [rows[k][0] for k in known], found
+    for k in known:
+        if not vectors[k].any():
+            found = f"pose_priors: the gravity of {rows[k][0]!r} is zero, expected a direction"
+            raise FormatError(found, path=path)
+    directions = np.array([vectors[k] for k in known]).reshape(-1, 3)
+    return [rows[k][0] for k in known], directions
 
 
 def read_rigs_of(path: Path) -> Rigs | None:

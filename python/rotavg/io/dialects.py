@@ -41,6 +41,7 @@ class Dialect:
         order: row and column in the information matrix of each of the numbers that give it.
         rotations: numbers (m, turn) -> (m, 3, 3).
         numbers: (m, 3, 3) -> (m, turn).
+        angles: what these numbers are called.
     """
 
     vertex: bytes
@@ -50,6 +51,13 @@ class Dialect:
     order: tuple[tuple[int, int], ...]
     rotations: Callable[[Floats], Floats]
     numbers: Callable[[Floats], Floats]
+    angles: tuple[str, ...]
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What the numbers after the ids of an edge are called: the pose, and its information."""
+        about = (f"value {k + 1} of the information" for k in range(len(self.order)))
+        return (*"xyz"[: self.dimension], *self.angles, *about)
 
     @property
     def num_pose(self) -> int:
@@ -132,6 +140,7 @@ G2O_3D = Dialect(
     order=_upper(6),
     rotations=matrices_from_quaternions,
     numbers=quaternions_from_matrices,
+    angles=("qx", "qy", "qz", "qw"),
 )
 G2O_2D = Dialect(
     vertex=b"VERTEX_SE2",
@@ -141,6 +150,7 @@ G2O_2D = Dialect(
     order=_upper(3),
     rotations=matrices_from_angles_about_z,
     numbers=angles_about_z,
+    angles=("theta",),
 )
 TORO_3D = Dialect(
     vertex=b"VERTEX3",
@@ -150,6 +160,7 @@ TORO_3D = Dialect(
     order=_upper(6),
     rotations=matrices_from_roll_pitch_yaw,
     numbers=roll_pitch_yaw_from_matrices,
+    angles=("roll", "pitch", "yaw"),
 )
 TORO_2D = Dialect(
     vertex=b"VERTEX2",
@@ -159,5 +170,6 @@ TORO_2D = Dialect(
     order=((0, 0), (0, 1), (1, 1), (2, 2), (0, 2), (1, 2)),
     rotations=matrices_from_angles_about_z,
     numbers=angles_about_z,
+    angles=("theta",),
 )
 DIALECTS = (G2O_3D, G2O_2D, TORO_3D, TORO_2D)

@@ -94,7 +94,10 @@ def read(
     words = None if columns is None else words_of(columns)
     path, data, chosen = input_of(path, format, words)
     if chosen.read is None:
-        raise FormatError(f"{chosen.name} is a format for output only", path=path)
+        raise FormatError(
+            f"{chosen.name} {registry.why_not_read(chosen)}, {registry.expected(FORMATS)}",
+            path=path,
+        )
     if words is not None and chosen not in TABLES:
         found = f"columns are given, and {chosen.name} has its own"
         raise FormatError(f"{found}: expected them for text or csv", path=path)
@@ -133,7 +136,8 @@ def write(
         found = type(graph_or_solution).__name__
         raise FormatError(f"found a {found} to write, expected a MeasurementGraph or a Solution")
     path, chosen = _output(path, format)
-    chosen.check_writes(path, solution=not isinstance(graph_or_solution, MeasurementGraph))
+    is_solution = not isinstance(graph_or_solution, MeasurementGraph)
+    chosen.check_writes(path, is_solution, FORMATS)
     assert chosen.write is not None
     content = chosen.write(path, graph_or_solution)
     atomic.write_files({path: content} if isinstance(content, bytes) else content)
@@ -155,7 +159,7 @@ def check_writable(
     graph is from, a file that only a format that puts the solution back into it may replace.
     """
     path, chosen = _output(path, format)
-    chosen.check_writes(path, solution)
+    chosen.check_writes(path, solution, FORMATS)
     if not chosen.puts_back:
         atomic.check_distinct([path], [source])
     new_folder = chosen.main_file and not path.parent.exists()
@@ -222,10 +226,10 @@ def _output(path: str | os.PathLike[str], format: str | None) -> tuple[Path, For
     """The file to write and its format."""
     path = Path(path)
     if format is not None:
-        chosen = registry.named(FORMATS, format)
+        chosen = registry.named(FORMATS, format, to_write=True)
     else:
         path = registry.in_folder(FORMATS, path)
-        chosen = registry.by_suffix(FORMATS, path)
+        chosen = registry.by_suffix(FORMATS, path, to_write=True)
     return chosen.file_of(path), chosen
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rotavg.base.errors import FormatError
 from rotavg.graph.conventions import first_bad_quaternion
-from rotavg.graph.covariances import first_bad_covariance
+from rotavg.graph.covariances import first_bad_covariance, symmetric
 from rotavg.graph.ids import as_edges, as_ids, edge_error, unique_ids
 from rotavg.graph.measurement_graph import MeasurementGraph, Quaternions
 from rotavg.graph.translations import RelativeTranslations, first_not_positive_definite
@@ -107,7 +107,7 @@ def read_vertices(path: Path, data: bytes) -> AbsoluteRotations:
     for dialect, found_here in vertices.items():
         table = found_here.numbers(path, dialect.num_pose)
         turns = table[:, dialect.dimension :]
-        check_finite(path, turns, found_here.lines)
+        check_finite(path, turns, found_here.lines, dialect.angles)
         if dialect is G2O_3D:
             notes += check_quaternions(path, turns, found_here.lines)
         ids += found_here.ids
@@ -185,7 +185,7 @@ def _covariances(
     """(m, 3, 3) inverse information; None where rounding leaves no covariance."""
     omega = np.where(weights[:, None, None] > 0, omega, np.eye(3))  # those are not used
     inverse = np.linalg.inv(omega)
-    covariances = (inverse + np.swapaxes(inverse, 1, 2)) / 2
+    covariances = symmetric(inverse)
     return None if first_bad_covariance(covariances) is not None else covariances
 
 

@@ -93,7 +93,7 @@ def check_fixed(
     """FormatError that names the line of a vertex that is fixed, but has no pose to keep."""
     held = [k for k, node in enumerate(vertices.ids) if node in fixed]
     lines = [vertices.lines[k] for k in held]
-    check_finite(path, given[held], lines)
+    check_finite(path, given[held], lines, dialect.words)
     if dialect is not G2O_3D:
         return
     turns = given[held, dialect.dimension :]
@@ -127,5 +127,6 @@ def edge_table(
         columns = dialect.num_pose
         rows = [b" ".join(row.split()[:columns]) for row in rows]
     table = number_table(path, rows, edges.lines, columns)
-    check_finite(path, table[:, : dialect.num_pose] if unit_weights else table, edges.lines)
+    read = table[:, : dialect.num_pose] if unit_weights else table
+    check_finite(path, read, edges.lines, dialect.words)
     return table

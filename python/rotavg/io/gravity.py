@@ -49,7 +49,12 @@ def read_gravity(path: str | os.PathLike[str]) -> tuple[list[str], NDArray[np.fl
     if not lines:
         raise FormatError("the file has no directions, expected NAME gx gy gz", path=path)
     vectors = number_table(path, rows, lines, 3)
-    check_finite(path, vectors, lines)
+    check_finite(path, vectors, lines, ("gx", "gy", "gz"))
+    zero = ~vectors.any(axis=1)
+    if zero.any():
+        row = int(np.argmax(zero))
+        found = f"the gravity of {names[row]!r} is zero, expected a direction"
+        raise FormatError(found, path=path, line=lines[row])
     return names, vectors
 
 

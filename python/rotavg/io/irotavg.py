@@ -77,7 +77,7 @@ def read_irotavg(path: Path, data: bytes, options: ReadOptions) -> MeasurementGr
     if len(rows) < m or m < 1:
         raise FormatError(f"found {len(rows)} relative rotations, expected m = {m}", path=path)
     table = number_table(path, rows, lines, 4)
-    check_finite(path, table, lines)
+    check_finite(path, table, lines, ("qw", "qx", "qy", "qz"))
     notes = quaternion_notes(path, table, lines)
     with blame_line(path, lines):
         edges = as_edges(np.array(ids, dtype=object).reshape(-1, 2))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 
 from rotavg.base.errors import FormatError
 from rotavg.io.lines import BYTE_ORDER_MARK
+
+_LARGEST = sys.float_info.max  # Python compares integers of any size with it
 
 
 def parsed(path: Path, data: bytes) -> dict[str, Any]:
@@ -50,7 +53,7 @@ def numbers(path: Path, value: Any, count: int, where: str) -> NDArray[np.float6
         raise FormatError(f"{where}: found {_shown(value)}, {expected}", path=path)
     for number in flat:
         plain = isinstance(number, (int, float)) and not isinstance(number, bool)
-        if not (plain and abs(number) <= np.finfo(np.float64).max):
+        if not (plain and abs(number) <= _LARGEST):
             found = f"{where}: found {_shown(number)}"
             raise FormatError(f"{found}, expected a finite number", path=path)
     return np.array(flat, dtype=np.float64)

@@ -66,13 +66,20 @@ def number_table(
     raise FormatError("found something else than numbers between blanks", path=path)
 
 
-def check_finite(path: Path, table: NDArray[np.float64], lines: Sequence[int]) -> None:
-    """FormatError that names the line if a row of `table` (m, k) has NaN or an infinity in it."""
+def check_finite(
+    path: Path, table: NDArray[np.float64], lines: Sequence[int], names: Sequence[str] = ()
+) -> None:
+    """FormatError that names line and column if a row of `table` (m, k) has NaN or an infinity.
+
+    `names` are those of the columns; without such they are counted.
+    """
     finite = np.isfinite(table).all(axis=1)
     if not finite.all():
         row = int(np.argmin(finite))
-        found = table[row][~np.isfinite(table[row])][0]
-        raise FormatError(f"found {found}, expected a finite number", path=path, line=lines[row])
+        column = int(np.argmin(np.isfinite(table[row])))
+        place = f"number {column + 1} of {table.shape[1]}" if not names else names[column]
+        found = f"found {table[row, column]}, expected a finite number ({place})"
+        raise FormatError(found, path=path, line=lines[row])
 
 
 def is_number(field: bytes) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg.base.errors import FormatError, GraphError
-from rotavg.graph.covariances import first_bad_covariance
+from rotavg.graph.covariances import first_bad_covariance, symmetric
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.translations import RelativeTranslations, first_not_positive_definite
 from rotavg.io.g2o_write import kappa
@@ -48,7 +48,7 @@ def inverse(path: Path, covariances: Floats, places: Places) -> Floats:
     finite = np.isfinite(found).all(axis=(1, 2))
     if not finite.all():
         raise places.error(path, int(np.argmin(finite)), "the covariance is too small to invert")
-    return np.asarray((found + np.swapaxes(found, 1, 2)) / 2)
+    return symmetric(found)
 
 
 def in_space(information: Floats) -> Floats:
@@ -106,7 +106,7 @@ def measured_poses(
     elif dimension == 3:
         known = np.where(nothing[:, None, None], np.eye(3), about)
         covariances = np.linalg.inv(known)
-        covariances = (covariances + np.swapaxes(covariances, 1, 2)) / 2
+        covariances = symmetric(covariances)
         if first_bad_covariance(covariances) is not None:
             covariances = None
     translations = None

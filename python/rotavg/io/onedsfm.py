@@ -83,7 +83,7 @@ def _edges(path: Path, data: bytes) -> _Edges:
     if not lines:
         raise FormatError(f"the file has no edges, {_EXPECTED}", path=path)
     table = number_table(path, rows, lines, 12)[:, :9]
-    check_finite(path, table, lines)
+    check_finite(path, table, lines, [f"r{k // 3 + 1}{k % 3 + 1}" for k in range(9)])
     return np.array(ids, dtype=object).reshape(-1, 2), table, lines
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.base.errors import FormatError
-from rotavg.graph.covariances import information
+from rotavg.graph.covariances import information, symmetric
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import nearest_rotation
 from rotavg.io.absolute import AbsoluteRotations, RotationReader
@@ -62,7 +62,7 @@ def read_open3d(path: Path, data: bytes, options: ReadOptions) -> MeasurementGra
     rotations = poses[:, :3, :3]
     notes = matrix_notes(path, rotations, None)
     omega = omega[:, _TRANSLATION_FIRST[:, None], _TRANSLATION_FIRST]
-    omega = (omega + np.swapaxes(omega, 1, 2)) / 2
+    omega = symmetric(omega)
     if any(edge.get("confidence", 1) != 1 for edge in edges):
         notes += ("the confidence of edges is not read: see robust losses",)
     return measured_poses(

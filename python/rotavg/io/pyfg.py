@@ -65,7 +65,8 @@ def read_pyfg(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph
     fields_of = [fields for _, fields in rows[dialect]]
     columns = dialect.num_pose + len(dialect.order)
     table = number_table(path, [b" ".join(f[2:]) or b"?" for f in fields_of], lines, columns)
-    check_finite(path, table, lines)
+    words = [word.replace("information", "covariance") for word in dialect.words]
+    check_finite(path, table, lines, words)
     poses, places = table[:, : dialect.num_pose], Places(lines=lines)
     turns = poses[:, dialect.dimension :]
     notes: tuple[str, ...] = ()

@@ -145,14 +145,18 @@ class Format:
             )
         return asked
 
-    def check_writes(self, path: Path, solution: bool) -> None:
-        """FormatError if the format has no place for a solution (or, if not so, for a graph)."""
+    def check_writes(self, path: Path, solution: bool, others: Sequence[Format] = ()) -> None:
+        """FormatError if the format has no place for a solution (or, if not so, for a graph).
+
+        It lists those of the others that are written.
+        """
         if self.write is None:
-            raise FormatError(f"{self.name} is a format for input only", path=path)
+            found = f"{self.name} is a format for input only"
+            raise FormatError(f"{found}, {expected(others, True)}", path=path)
         if not (self.has_solutions if solution else self.has_graphs):
-            found, expected = ("solution", "graph") if solution else ("graph", "solution")
+            found, other = ("solution", "graph") if solution else ("graph", "solution")
             raise FormatError(
-                f"found a {found} to write, expected a {expected}: {self.name} holds no other",
+                f"found a {found} to write, expected a {other}: {self.name} holds no other",
                 path=path,
             )
 
@@ -171,20 +175,29 @@ def is_named(path: Path, suffixes: Sequence[str]) -> bool:
     return any(fnmatchcase(path.name.lower(), pattern) for pattern in patterns)
 
 
-def named(formats: Sequence[Format], name: str) -> Format:
-    """The format of this name; FormatError lists the known ones."""
+def named(formats: Sequence[Format], name: str, *, to_write: bool = False) -> Format:
+    """The format of this name; FormatError lists those that can be read, or written."""
     for form in formats:
         if form.name == name:
             return form
-    raise FormatError(f"unknown format {name!r}, {_expected(formats)}")
+    raise FormatError(f"unknown format {name!r}, {expected(formats, to_write)}")
 
 
-def by_suffix(formats: Sequence[Format], path: Path) -> Format:
-    """The format that the file's name tells; FormatError lists the known ones."""
+def by_suffix(formats: Sequence[Format], path: Path, *, to_write: bool = False) -> Format:
+    """The format that the file's name tells; FormatError as for `named`."""
     for form in formats:
         if form.is_name(path):
             return form
-    raise FormatError(f"the name does not tell the format, {_expected(formats)}", path=path)
+    raise FormatError(
+        f"the name does not tell the format, {expected(formats, to_write)}", path=path
+    )
+
+
+def why_not_read(form: Format) -> str:
+    """Of a format that graphs are not read from, after its name."""
+    return "holds rotations alone (rotavg compare, read_rotations)" if form.rotations else (
+        "is a format for output only"
+    )  # fmt: skip
 
 
 def of_content(formats: Sequence[Format], path: Path, data: bytes) -> Format:
@@ -200,7 +213,7 @@ def of_content(formats: Sequence[Format], path: Path, data: bytes) -> Format:
         return by_suffix(formats, path)
     except FormatError:
         found = "neither content nor name tells the format"
-        raise FormatError(f"{found}, {_expected(formats)}", path=path) from None
+        raise FormatError(f"{found}, {expected(formats, False)}", path=path) from None
 
 
 def in_folder(formats: Sequence[Format], path: Path) -> Path:
@@ -212,9 +225,7 @@ def in_folder(formats: Sequence[Format], path: Path) -> Path:
     return path
 
 
-def read_bytes(
-    formats: Sequence[Format], path: Path, expected: str = "a measurement graph"
-) -> bytes:
+def read_bytes(formats: Sequence[Format], path: Path, what: str = "a measurement graph") -> bytes:
     """The whole file, or the beginning of one that its reader opens itself.
 
     Raises FileAccessError if it cannot be read, FormatError if it is empty.
@@ -222,13 +233,17 @@ def read_bytes(
     if str(path) == "-":
         reason = "standard input is /dev/stdin"
         raise FileAccessError(f"cannot be read: {reason}", path=path)
+    if path.is_dir():
+        inside = [form for form in formats if form.main_file]
+        hint = "".join(f" ({form.name}: a folder with {form.main_file})" for form in inside)
+        raise FileAccessError(f"cannot be read: it is a folder, expected a file{hint}", path=path)
     try:
         data = _magic_of(formats, path) or path.read_bytes()
     except OSError as error:
         reason = error.strerror or str(error)
         raise FileAccessError(f"cannot be read: {reason}", path=path) from error
     if not data or data.isspace():
-        raise FormatError(f"the file is empty, expected {expected}", path=path)
+        raise FormatError(f"the file is empty, expected {what}", path=path)
     return data
 
 
@@ -251,6 +266,8 @@ def _magic_of(formats: Sequence[Format], path: Path) -> bytes:
     return next((magic for magic in magics if head.startswith(magic)), b"")
 
 
-def _expected(formats: Sequence[Format]) -> str:
-    known = ", ".join(f"{form.name} ({'/'.join(form.suffixes)})" for form in formats)
-    return f"expected one of the known formats: {known}"
+def expected(formats: Sequence[Format], to_write: bool = False) -> str:
+    """What to say of the formats that can be read, or written."""
+    able = [form for form in formats if (form.write if to_write else form.read or form.rotations)]
+    known = ", ".join(f"{form.name} ({'/'.join(form.suffixes)})" for form in able)
+    return f"expected one of the formats that are {'written' if to_write else 'read'}: {known}"

@@ -7,6 +7,7 @@ import os
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,18 @@ from rotavg.io.registry import HEAD_SIZE, Format
 FORMATS_OF_ROTATIONS = tuple(form for form in FORMATS if form.rotations)
 
 
+class FileRotations(NamedTuple):
+    """What `read_rotations` found; it unpacks as (nodes, rotations).
+
+    Attributes:
+        nodes: (n,) ids, in the order of the file.
+        rotations: (n, 3, 3) world_from_node.
+    """
+
+    nodes: IdArray
+    rotations: NDArray[np.float64]
+
+
 def read_rotations(
     path: str | os.PathLike[str],
     *,
@@ -31,7 +44,7 @@ def read_rotations(
     convention: Convention | None = None,
     image_ids: bool = False,
     columns: str | Sequence[str] | None = None,
-) -> tuple[IdArray, NDArray[np.float64]]:
+) -> FileRotations:
     """Read absolute rotations.
 
     Args:
@@ -45,7 +58,7 @@ def read_rotations(
             "id,qw,qx,qy,qz", as in `rotavg.read`.
 
     Returns:
-        The ids (n,) and the rotations (n, 3, 3) world_from_node.
+        `nodes` (n,) and `rotations` (n, 3, 3), world_from_node, as a named tuple.
 
     Warns:
         IncompleteWarning: quaternions were not of length 1, or matrices a little off.
@@ -60,7 +73,7 @@ def read_rotations(
     )
     for note in found.notes:
         warnings.warn(f"{path}: {note}", IncompleteWarning, stacklevel=2)
-    return found.nodes, found.rotations
+    return FileRotations(found.nodes, found.rotations)
 
 
 def read_absolute(

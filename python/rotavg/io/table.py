@@ -85,7 +85,8 @@ class Table:
         odd = None if self.layout.degrees else beyond_a_turn(length, vectors, names)
         if far.any():
             row = int(np.argmax(far))
-            found = f"found a rotation vector of length {np.linalg.norm(self.numbers[row]):.6g}"
+            size = np.degrees(length[row]) if self.layout.degrees else length[row]
+            found = f"found a rotation vector of length {size:.6g}"
             expected = "expected degrees, at most 360"
             if odd is not None:
                 expected = f"expected radians, at most 2 pi ({odd[1]}; {DEGREES_HINT})"
@@ -257,7 +258,7 @@ def _table(path: Path, fields: list[list[bytes]], lines: list[int], layout: Layo
             raise FormatError(message, path=path, line=lines[row])
     numbers = [row.replace(b",", b".") for row in map(b" ".join, zip(*columns))]
     table = number_table(path, numbers, lines, len(places))
-    check_finite(path, table, lines)
+    check_finite(path, table, lines, [layout.words[place] for place in places])
     label = layout.component
     return _of_numbers(
         layout,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rotavg.base.errors import GraphError, require
 from rotavg.graph.conventions import angles_about_z, matrices_from_angles_about_z
-from rotavg.graph.covariances import first_bad_covariance, information
+from rotavg.graph.covariances import first_bad_covariance, information, symmetric
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.translations import RelativeTranslations, first_not_positive_definite
 from rotavg.priors.priors import Priors
@@ -193,7 +193,7 @@ def _graph(kind: str, measured: list[_Measured], notes: tuple[str, ...]) -> Meas
     if kind in ("Rot3", "Pose3"):
         known = np.where(weights[:, None, None] > 0, rotation, np.eye(3))  # others are not used
         inverse = np.linalg.inv(known)
-        covariances = (inverse + np.swapaxes(inverse, 1, 2)) / 2
+        covariances = symmetric(inverse)
         if first_bad_covariance(covariances) is not None:
             covariances = None
     translations = None

@@ -19,6 +19,7 @@ from rotavg.io import atomic
 from rotavg.report import charts, robust, tables
 from rotavg.report.space import space
 from rotavg.report.verdict import statement
+from rotavg.solving.diagnosis import diagnose
 from rotavg.solving.solution import Solution
 
 SUFFIXES = (".html", ".htm")
@@ -90,6 +91,7 @@ def html(solution: Solution, run: Run | None = None, *, title: str = "") -> str:
     )
     environment.filters["figure"] = _figure
     known = solution.known_covariances
+    diagnosis = diagnose(solution)
     page = environment.get_template("page.html").render(
         title=title or (run.input.name if run.input else "solution"),
         statement=statement(solution),
@@ -98,6 +100,7 @@ def html(solution: Solution, run: Run | None = None, *, title: str = "") -> str:
         robust=robust.robust_section(solution),
         tables={
             "edges": tables.worst_edges(solution),
+            **{f"{k}s": tables.shares(diagnosis, k) for k in ("node", "frame", "sensor")},
             "uncertainty": None if known is None else tables.uncertainty(solution, known),
             "components": tables.components(solution) if solution.num_components > 1 else None,
         },

@@ -34,7 +34,7 @@ class RobustSection:
     Attributes:
         figures: names and values.
         verdicts: how many edges have which.
-        alternatives: the edges that decide between stories; None without.
+        alternatives: the edges that decide between this answer and others; None without.
         said: sentences.
     """
 
@@ -127,7 +127,7 @@ def _said(solution: Solution, fit: RobustFit) -> tuple[str, ...]:
             "outliers alone: how such a part is turned against the rest rests on distrusted edges. "
             "Treat it as a model of its own."
         )
-    said += [f"Another story stands: {a.sentence}." for a in fit.alternatives]
+    said += [f"Another answer is possible: {a.sentence}." for a in fit.alternatives]
     if fit.alternatives:
         said.append(
             "Where one thing looks like another, either answer may be the folded one, and no cost "
@@ -153,7 +153,7 @@ def _alternatives(solution: Solution) -> Table | None:
             )  # fmt: skip
     return Table(
         "The edges that decide between this answer and others.",
-        ["story", "nodes in the groups", "edges for", "weight", "edges against", "weight ",
+        ["answer", "nodes in the groups", "edges for", "weight", "edges against", "weight ",
          "ought to match and do not"],
         rows,
     )  # fmt: skip

@@ -1,10 +1,10 @@
-"""The tables of the page: the worst edges, the components."""
+"""The tables of the page: the worst edges, the components, who adds what."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Union
+from typing import Any, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from rotavg.base.arrays import rows_by_label
 from rotavg.report.verdict import is_reweighted
 from rotavg.solving.costs import edge_costs, prior_costs
+from rotavg.solving.diagnosis import Diagnosis, Share
 from rotavg.solving.solution import Solution
-from rotavg.solving.uncertainty import rms_degrees
+from rotavg.solving.uncertainty import beyond_half_a_turn, rms_degrees
 
 Cell = Union[str, float]
 
@@ -73,11 +74,38 @@ def uncertainty(solution: Solution, covariances: NDArray[np.float64], limit: int
     n = len(rms)
     shown = f"All {n} nodes" if n <= limit else f"The {limit} least certain of {n} nodes"
     caption = f"{shown}: RMS angle, and along the best and the worst axis, relative to the gauge."
+    if rms.max() > 180.0:
+        caption += f" ({beyond_half_a_turn(rms)}.)"
     rows = [
         [str(solution.graph.nodes[k].item()), rms[k].item(), axes[k, 0].item(), axes[k, 2].item()]
         for k in least
     ]
     return Table(caption, ["node", "RMS [deg]", "best axis [deg]", "worst axis [deg]"], rows)
+
+
+def shares(diagnosis: Diagnosis, kind: str, limit: int = 100) -> Table | None:
+    """The nodes, frames or sensors that add most to the objective; None where there are none."""
+    of_kind: dict[Any, Share] = getattr(diagnosis, f"{kind}s")
+    if not of_kind:
+        return None
+    costly = sorted(of_kind.items(), key=lambda item: -item[1].cost)[:limit]
+    rows: list[list[Cell]] = [
+        [
+            str(name), share.edges, share.outliers, 100 * share.share,
+            float(np.degrees(share.median_residual)), float(np.degrees(share.largest_residual)),
+        ]
+        for name, share in costly
+    ]  # fmt: skip
+    n = len(of_kind)
+    shown = f"All {n} {kind}s" if n <= limit else f"The {limit} costliest of {n} {kind}s"
+    return Table(
+        f"{shown}: edges with an end there, outliers among them, and the share of the objective.",
+        [
+            kind, "edges", "outliers", "share [%]", "median residual [deg]",
+            "largest residual [deg]",
+        ],
+        rows,
+    )  # fmt: skip
 
 
 def components(solution: Solution, limit: int = 100) -> Table:

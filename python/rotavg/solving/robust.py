@@ -203,7 +203,8 @@ class RobustFit(ReadOnly):
             doubts.append(f"{weak} part{'s' * (weak > 1)} on rejected edges only")
         if self.alternatives:
             some = len(self.alternatives)
-            doubts.append("another story stands" if some == 1 else f"{some} other stories stand")
+            answers = "another answer is" if some == 1 else f"{some} other answers are"
+            doubts.append(f"{answers} possible")
         return f"{said}; {', '.join(doubts)}"
 
 

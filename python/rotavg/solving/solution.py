@@ -20,13 +20,16 @@ from rotavg.priors.rigs import RigFit
 from rotavg.solving.certificate import Certificate, Verdict
 from rotavg.solving.robust import RobustFit, bridges, contamination_of
 from rotavg.solving.status import Status, Timings, Trace
-from rotavg.solving.uncertainty import Frame, covariances, rms_degrees
+from rotavg.solving.uncertainty import Frame, beyond_half_a_turn, covariances, rms_degrees
 
 _OF_COVARIANCES = {
     "": "",
     "chordal": " (full covariances, chords)",
     "log": " (full covariances, logarithms)",
 }
+
+
+_HALF_TURN = 180.0  # degrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,6 +276,8 @@ class Solution(NodeMapping):
             rms = rms_degrees(known)
             about = f"median {np.median(rms):.3g} deg, largest {rms.max():.3g}"
             rows.append(("uncertainty", f"{about} (RMS angle relative to the gauge)"))
+            if rms.max() > _HALF_TURN:
+                rows.append(("", beyond_half_a_turn(rms)))
         if self.robust is not None:
             rows += self.robust.rows(self.num_parts_given)
             if (unchecked := int(self.is_unchecked.sum())) > 0:

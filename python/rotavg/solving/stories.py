@@ -83,17 +83,21 @@ class Alternative(ReadOnly):
 
     @property
     def sentence(self) -> str:
-        """What decides, in one line."""
+        """How the other answer differs, and what speaks for either, in one line."""
         few = ", ".join(str(node) for node in self.nodes[:3].tolist())
         more = ", ..." if len(self.nodes) > 3 else ""
-        kind = "lighter" if self.lead_in_weight >= 0.0 else "heavier"
-        weight = f"they are {kind} by {abs(self.lead_in_weight):.1f} standard deviations; "
+        weights = ""
+        if self.lead_in_weight:
+            kind = "lighter" if self.lead_in_weight > 0.0 else "heavier"
+            lead = abs(self.lead_in_weight)
+            weights = f" ({kind} ones, by {lead:.1f} standard deviations)"
         return (
-            f"{len(self.nodes)} of {len(self.group)} nodes ({few}{more}) turned otherwise: "
-            f"{self.edges[1]} edges fit that alone, {self.edges[0]} this alone; "
-            f"{weight if self.lead_in_weight else ''}of the strongest "
-            f"{self.voices[1]:g} and {self.voices[0]:g}; of pairs that ought to match, "
-            f"{100 * self.closure[1]:.0f} % and {100 * self.closure[0]:.0f} % do"
+            f"if things that look alike were mistaken for each other, {len(self.nodes)} of "
+            f"{len(self.group)} nodes ({few}{more}) are turned otherwise than here. For that speak "
+            f"{self.edges[1]} edges that this answer rejects{weights}, for this answer "
+            f"{self.edges[0]} that the other would reject; of every node's eight strongest edges "
+            f"{self.voices[1]:g} against {self.voices[0]:g}; of the pairs that ought to match, "
+            f"{100 * self.closure[1]:.0f} % do there and {100 * self.closure[0]:.0f} % here"
         )
 
     def summary(self) -> dict[str, Any]:

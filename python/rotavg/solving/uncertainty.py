@@ -98,6 +98,15 @@ def rms_degrees(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.degrees(np.sqrt(np.trace(covariances, axis1=1, axis2=2))))
 
 
+def beyond_half_a_turn(rms: NDArray[np.float64]) -> str:
+    """What to say of RMS angles (k,), degrees, some of which are more than rotations can be off."""
+    count = int((rms > 180.0).sum())
+    return (
+        f"{count} of {len(rms)} beyond 180 deg, which no rotation can be off by: nothing is known "
+        "of them, or the noise variance is not that of an edge of weight 1 in radians^2 per axis"
+    )
+
+
 def estimated_noise_variance(solution: Solved) -> float:
     """Variance per axis, radians^2, of the noise of an edge of weight 1: NaN for a forest.
 
