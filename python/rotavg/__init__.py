@@ -50,6 +50,7 @@ from rotavg.priors.priors import Priors, Rigs
 from rotavg.priors.rigs import RigFit
 from rotavg.solving.certificate import Certificate, ComponentCertificate, Shortfall, Verdict
 from rotavg.solving.diagnosis import Diagnosis, Share, diagnose
+from rotavg.solving.headings import solve_headings
 from rotavg.solving.online import Online, OnlineSolution
 from rotavg.solving.robust import CycleEvidence, PriorFit, RobustFit, cycle_evidence
 from rotavg.solving.solution import Interrupted, Solution
@@ -175,6 +176,7 @@ __all__ = [
     "refined_gravity",
     "simulate",
     "solve",
+    "solve_headings",
     "suggest_reading",
     "write",
     "write_covariances",

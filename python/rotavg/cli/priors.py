@@ -42,6 +42,11 @@ _OPTIONS = (
         help="What a tilt counts, as the weight of an edge.  [default: the edges' median]",
     ),
     click.option(
+        "--headings",
+        is_flag=True,
+        help="Hold gravity exactly, and find headings alone: --gravity knows every node.",
+    ),
+    click.option(
         "--rigs",
         "rigs_path",
         type=options.PATH,

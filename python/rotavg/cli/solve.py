@@ -20,6 +20,7 @@ from rotavg.cli.distributed import (
     solve_in_parts,
 )
 from rotavg.cli.follow import check_follow_options, follow_input, follow_option
+from rotavg.cli.headings import check_heading_options, solve_upright
 from rotavg.cli.known_edges import check_known_edges, known_edge_options, read_known_edges
 from rotavg.cli.options import choice, number
 from rotavg.cli.output import (
@@ -62,7 +63,7 @@ from rotavg.report import Run, check_report, write_report
         "The answer": ("gauge", "refine"),
         "Prior knowledge": (
             *("fixed_path", "fixed_convention", "gravity_path", "gravity_weight"),
-            *("rigs_path", "no_rigs"),
+            *("headings", "rigs_path", "no_rigs"),
         ),
         "Uncertainty": ("covariances_path", "noise_variance"),
         "Anisotropic noise": ("anisotropic", "anisotropic_log", "covariances"),
@@ -228,6 +229,7 @@ def solve(
     fixed_convention: Convention | None,
     gravity_path: Path | None,
     gravity_weight: float | None,
+    headings: bool,
     rigs_path: Path | None,
     no_rigs: bool,
     refine: bool,
@@ -273,6 +275,8 @@ def solve(
     check_prior_options(
         fixed_path, fixed_convention, gravity_path, gravity_weight, rigs_path, no_rigs
     )
+    if headings:
+        check_heading_options(gravity_path)
     if report is not None:
         check_report(report)
     init = settings["init"]
@@ -312,7 +316,7 @@ def solve(
     interrupted = False
     with progress(settings["tolerance"], settings["stop"], not no_certify) as callback:
         try:
-            solution = rotavg.solve(
+            solution = (solve_upright if headings else rotavg.solve)(
                 graph, num_threads=threads, certify=not no_certify, callback=callback, **settings
             )
         except rotavg.Interrupted as stop:  # while certifying: what has converged is kept

@@ -19,7 +19,7 @@ from rotavg.graph.ids import IdArray
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.colmap_database import pair_id_of
 from rotavg.priors.priors import Priors, Rigs
-from rotavg.solving.headings import solve_headings, trusted_weight
+from rotavg.solving.headings import frame_headings, trusted_weight
 from rotavg.solving.solve import solve
 
 
@@ -173,7 +173,7 @@ def _solve(
     known = {s: C for s, C in frames.rotation_of.items() if s not in frames.unknown}
     if gravity and gravity.keys() == of_frames and not frames.unknown:
         rigs = {k: (frame, known[s]) for k, (frame, s) in pictures.items()}
-        return solve_headings(graph, rigs, gravity, down, **settings), {}
+        return frame_headings(graph, rigs, gravity, down, **settings), {}
     priors = Priors(down=down, gravity=_of_images(graph, frames, pictures, gravity))
     if frames.unknown:
         priors = replace(priors, rigs=Rigs(pictures, known))

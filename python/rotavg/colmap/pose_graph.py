@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rotavg.base.errors import GraphError, require
-from rotavg.graph.conventions import convert_family
+from rotavg.graph.conventions import convert_family, wxyz_from_xyzw
 from rotavg.graph.ids import IdArray
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.colmap_covariances import PairPose, covariances_of_pairs
@@ -33,23 +33,27 @@ def from_pose_graph(
         GraphError: there is no such edge.
         FormatError, FileAccessError: the database is none, or not to be read.
     """
-    edges, quaternions, weights, poses = [], [], [], []
-    for pair_id, edge in sorted(pose_graph.edges.items()):
-        if not edge.valid:
-            continue
-        edges.append(pair_id)
-        quaternions.append(edge.cam2_from_cam1.rotation.quat)
-        translation = np.asarray(edge.cam2_from_cam1.translation, dtype=np.float64)
-        found = translation if np.isfinite(translation).all() else np.zeros(3)
-        poses.append(PairPose(pair_id, *pair_of(pair_id), np.roll(quaternions[-1], 1), found))
-        weights.append(1.0 if unit_weights else float(edge.num_matches or 1))
+    # pycolmap hands out every object by itself, and that takes most of the time: once is enough.
+    edges = {pair_id: edge for pair_id, edge in pose_graph.edges.items() if edge.valid}
     if not edges:
         raise GraphError("the pose graph has no valid edge")
-    pairs = np.stack(np.divmod(np.array(edges, dtype=np.int64), MAX_IMAGES), axis=1)
+    ids = sorted(edges)
+    poses = [edges[pair_id].cam2_from_cam1 for pair_id in ids]
+    quaternions = np.array([pose.rotation.quat for pose in poses])
+    weights = np.ones(len(ids))
+    if not unit_weights:
+        weights = np.array([edges[pair_id].num_matches or 1 for pair_id in ids], dtype=np.float64)
+    pairs = np.stack(np.divmod(np.array(ids, dtype=np.int64), MAX_IMAGES), axis=1)
     covariances = None
     if database is not None:
+        translations = np.array([pose.translation for pose in poses], dtype=np.float64)
+        translations[~np.isfinite(translations).all(axis=1)] = 0.0
+        known = [
+            PairPose(pair_id, *pair_of(pair_id), wxyz, translation)
+            for pair_id, wxyz, translation in zip(ids, wxyz_from_xyzw(quaternions), translations)
+        ]
         with opened(Path(database)) as connection:
-            covariances, _ = covariances_of_pairs(connection, poses)
+            covariances, _ = covariances_of_pairs(connection, known)
     return MeasurementGraph.from_quaternions(
         pairs, quaternions, weights, convention="vision", covariances=covariances
     )

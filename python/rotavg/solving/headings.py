@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg.base.errors import GraphError
+from rotavg.base.arrays import as_floats, read_only
+from rotavg.base.errors import GraphError, OptionError
+from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.priors.priors import Priors, Rigs
+from rotavg.solving.robust import RobustFit
+from rotavg.solving.solution import Solution
 from rotavg.solving.solve import solve
 
 # Where the two ends of an edge differ so much in what is down that it hardly tells a heading.
 _LEAST_SHARE = 1e-6
+_SETTINGS = {
+    *("method", "init", "seed", "tolerance", "stop", "max_iterations", "time_limit"),
+    *("num_threads", "mu", "accelerate", "max_rank", "certify", "certificate_tolerance"),
+    *("certificate_failure_probability", "certificate_seed", "certificate_max_flops", "callback"),
+    *("loss", "loss_scale", "cycle_threshold", "min_cycles", "weight_kind"),
+}
 
 
 def trusted_weight(graph: MeasurementGraph) -> float:
@@ -35,19 +47,76 @@ def upright(gravity: ArrayLike, down: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(np.eye(3) + K + K @ K / (1 + cosine))
 
 
-def solve_headings(
+@dataclass(frozen=True)
+class _Headings:
+    """The problem of headings alone: rotations about y between frames.
+
+    Attributes:
+        planar: its graph, of frames by number.
+        frames: their ids, in that order.
+        frame_of: (n,) numbers of the frames of the graph's nodes.
+        tells: (m,) which edges of the graph are in it.
+        upright: U_f (3, 3) of every frame.
+        to_y: takes g to y.
+    """
+
+    planar: MeasurementGraph
+    frames: list[Any]
+    frame_of: NDArray[np.int64]
+    tells: NDArray[np.bool_]
+    upright: list[NDArray[np.float64]]
+    to_y: NDArray[np.float64]
+
+    def rotations(self, solution: Solution) -> list[NDArray[np.float64]]:
+        """world_from_frame (3, 3) of every frame."""
+        return [self.to_y.T @ solution[k] @ U for k, U in enumerate(self.upright)]
+
+
+def _problem(
     graph: MeasurementGraph,
     rigs: Mapping[Any, tuple[Any, NDArray[np.float64]]],
     gravity: Mapping[Any, ArrayLike],
-    down: ArrayLike = (0.0, 1.0, 0.0),
-    **settings: Any,
-) -> dict[Any, NDArray[np.float64]]:
+    down: ArrayLike,
+) -> _Headings:
     """Rotations of frames whose gravity is held: R_f = exp(heading [g]) U_f, U_f d_f = g.
 
     Of an edge, U_i R_ij U_j^T = M, the part of tr(exp(delta [g]) M) that depends on the headings
     is rho cos(delta - phi): the problem is one of rotations about g alone, with the angles phi and
     the weights w rho / 2. As its edges are rotations about one axis, so is its solution, and what
     is proved of it is proved of the headings.
+    """
+    g = np.asarray(down, dtype=np.float64) / np.linalg.norm(down)
+    to_y = upright(g, (0.0, 1.0, 0.0))  # headings are turns about y there
+    frames = list(gravity)
+    row = {frame: k for k, frame in enumerate(frames)}
+    U = [upright(d, (0.0, 1.0, 0.0)) for d in gravity.values()]
+    nodes = graph.nodes.tolist()
+    frame_of = np.array([row[rigs[node][0]] for node in nodes], dtype=np.int64)
+    from_camera = np.array([U[f] @ rigs[node][1] for f, node in zip(frame_of, nodes)])
+    i, j = graph.indices.T
+    M = from_camera[i] @ graph.rotations @ np.swapaxes(from_camera[j], 1, 2)
+    # tr(rot_y(delta) M) = M_yy + (M_xx + M_zz) cos(delta) + (M_zx - M_xz) sin(delta)
+    along, across = M[:, 0, 0] + M[:, 2, 2], M[:, 2, 0] - M[:, 0, 2]
+    rho, delta = np.hypot(along, across), np.arctan2(across, along)
+    ends = frame_of[graph.indices]
+    tells = (ends[:, 0] != ends[:, 1]) & (rho > _LEAST_SHARE)
+    if not tells.any():
+        raise GraphError("no edge between two frames tells a heading")
+    turns = np.stack([np.zeros(len(delta)), -delta, np.zeros(len(delta))], axis=1)
+    planar = MeasurementGraph.from_rotvecs(
+        ends[tells], turns[tells], (0.5 * graph.weights * rho)[tells], np.arange(len(frames))
+    )
+    return _Headings(planar, frames, frame_of, tells, U, to_y)
+
+
+def frame_headings(
+    graph: MeasurementGraph,
+    rigs: Mapping[Any, tuple[Any, NDArray[np.float64]]],
+    gravity: Mapping[Any, ArrayLike],
+    down: ArrayLike = (0.0, 1.0, 0.0),
+    **settings: Any,
+) -> dict[Any, NDArray[np.float64]]:
+    """Rotations of frames whose gravity is held.
 
     Args:
         graph: the measurements between images.
@@ -62,27 +131,116 @@ def solve_headings(
     Raises:
         GraphError: no edge between two frames tells a heading.
     """
-    g = np.asarray(down, dtype=np.float64) / np.linalg.norm(down)
-    to_y = upright(g, (0.0, 1.0, 0.0))  # headings are turns about y there
-    frame_of = {node: frame for node, (frame, _) in rigs.items()}
-    U = {frame: upright(d, (0.0, 1.0, 0.0)) for frame, d in gravity.items()}
-    from_camera = {node: U[frame] @ C for node, (frame, C) in rigs.items()}
-    i, j = graph.edges.T.tolist()
-    M = np.array([from_camera[a] @ R @ from_camera[b].T for a, R, b in zip(i, graph.rotations, j)])
-    # tr(rot_y(delta) M) = M_yy + (M_xx + M_zz) cos(delta) + (M_zx - M_xz) sin(delta)
-    along, across = M[:, 0, 0] + M[:, 2, 2], M[:, 2, 0] - M[:, 0, 2]
-    rho, delta = np.hypot(along, across), np.arctan2(across, along)
-    frames = list(gravity)
-    row = {frame: k for k, frame in enumerate(frames)}
-    ends = np.array([[row[frame_of[a]], row[frame_of[b]]] for a, b in zip(i, j)])
-    tells = (ends[:, 0] != ends[:, 1]) & (rho > _LEAST_SHARE)
-    if not tells.any():
-        raise GraphError("no edge between two frames tells a heading")
-    turns = np.stack([np.zeros(len(delta)), -delta, np.zeros(len(delta))], axis=1)
-    planar = MeasurementGraph.from_rotvecs(
-        ends[tells], turns[tells], (0.5 * graph.weights * rho)[tells], np.arange(len(frames))
-    )
+    headings = _problem(graph, rigs, gravity, down)
     if not isinstance(settings.get("init", "auto"), str):
         settings = {**settings, "init": "auto"}  # the problem is convex enough to start anew
-    solution = solve(planar, **settings)
-    return {frame: to_y.T @ solution[k] @ U[frame] for frame, k in row.items()}
+    return dict(zip(headings.frames, headings.rotations(solve(headings.planar, **settings))))
+
+
+def solve_headings(graph: MeasurementGraph, priors: Priors, **settings: Any) -> Solution:
+    """Find the headings alone: every node (or frame of a calibrated rig) hangs as gravity says.
+
+    Gravity is held exactly, whatever its weights, and of every rotation the angle about it is free:
+    a problem of one unknown a node, with the certificate of `rotavg.solve` for the headings. With a
+    robust loss outliers are told as ever; other answers that are possible are not looked for.
+
+    Args:
+        graph: the measurements.
+        priors: gravity of every node, or of one node of every frame of `rigs`, which must all be
+            known; `down`. Nothing else.
+        settings: of `rotavg.solve`; not what is about known edges, covariances or the gauge.
+
+    Returns:
+        The solution, `upright`; its gradient is that of the headings. The first node of every
+        component has the least rotation that takes its gravity down.
+
+    Raises:
+        GraphError: gravity of a node is not known; there is other prior knowledge; no edge tells a
+            heading; and as `rotavg.solve` does.
+        OptionError: an option that has no meaning here.
+    """
+    for name in settings:
+        if name not in _SETTINGS:
+            raise OptionError(f"{name} is not possible where headings alone are free")
+    if not isinstance(settings.get("init", "auto"), str):
+        raise OptionError("init: rotations are no start where headings alone are free")
+    if priors.fixed or priors.absolute or isinstance(priors.rigs, Rigs):
+        raise GraphError("headings alone: expected gravity, and perhaps calibrated rigs")
+    rigs, gravity = _of_frames(graph, priors)
+    headings = _problem(graph, rigs, gravity, priors.down)
+    found = solve(headings.planar, **settings)
+    of_frame = np.array(headings.rotations(found))
+    C = np.array([rigs[node][1] for node in graph.nodes.tolist()])
+    R = read_only(of_frame[headings.frame_of] @ C)
+    there = solve(graph, init=R, max_iterations=0, certify=False)
+    robust = None if found.robust is None else _of_graph(graph, headings, found.robust, there)
+    weighted = graph if robust is None else graph.with_weights(robust.edge_weights)
+    at = there if robust is None else solve(weighted, init=R, max_iterations=0, certify=False)
+    return replace(
+        there,
+        rotations=R,
+        objective=at.objective,
+        gradient_norm=found.gradient_norm,
+        relative_gradient=found.relative_gradient,
+        status=found.status,
+        iterations=found.iterations,
+        method=found.method,
+        reason=found.reason,
+        init=found.init,
+        trace=found.trace,
+        timings=found.timings,
+        certificate=found.certificate,
+        robust=robust,
+        upright=True,
+    )
+
+
+def _of_frames(
+    graph: MeasurementGraph, priors: Priors
+) -> tuple[dict[Any, tuple[Any, NDArray[np.float64]]], dict[Any, NDArray[np.float64]]]:
+    """Frame and rotation of every node, and down in every frame; those of no rig are their own."""
+    own = {node: (("node", node), np.eye(3)) for node in graph.nodes.tolist()}
+    assert not isinstance(priors.rigs, Rigs)
+    for node, (frame, C) in priors.rigs.items():
+        own[node] = ("frame", frame), as_floats(C, (3, 3), f"the rotation of node {node!r}")
+    keys = [key.item() if isinstance(key, np.generic) else key for key in priors.gravity]
+    if not keys:
+        raise GraphError("headings alone: expected the gravity of every node")
+    rows = rows_of(as_ids(keys, "gravity"), graph.nodes)
+    gravity: dict[Any, NDArray[np.float64]] = {}
+    for row, key, (down, _) in zip(rows.tolist(), keys, priors.gravity.values()):
+        vector = as_floats(down, (3,), f"the gravity prior of node {key!r}")
+        if row < 0 or not (np.isfinite(vector).all() and vector.any()):
+            found = "is not of the graph" if row < 0 else f"is {vector.tolist()}"
+            raise GraphError(f"the gravity prior of node {key!r} {found}")
+        frame, C = own[graph.nodes[row].item()]
+        gravity.setdefault(frame, C @ vector)
+    without = [node for node, (frame, _) in own.items() if frame not in gravity]
+    if without:
+        raise GraphError(
+            f"gravity of {len(without)} of {len(own)} nodes is not known (say, {without[0]!r}), "
+            "expected that of all where headings alone are free; as a prior it may lack"
+        )
+    frames = dict.fromkeys(frame for frame, _ in own.values())
+    return own, {frame: gravity[frame] for frame in frames}
+
+
+def _of_graph(
+    graph: MeasurementGraph, headings: _Headings, fit: RobustFit, there: Solution
+) -> RobustFit:
+    """What a loss made of the headings' edges, for those of the graph."""
+    tells = headings.tells
+    scales, weights = np.ones(graph.num_edges), np.array(graph.weights)
+    scales[tells] = fit.edge_scales
+    weights[tells] *= fit.edge_weights / headings.planar.weights
+    verdicts = np.where(there.residual_angles <= fit.threshold, "inlier", "robust_weight")
+    verdicts = verdicts.astype(np.result_type(verdicts, fit.edge_verdicts))
+    verdicts[tells] = fit.edge_verdicts
+    return replace(
+        fit,
+        edge_weights=read_only(weights),
+        edge_scales=read_only(scales),
+        edge_verdicts=read_only(verdicts),
+        part=read_only(fit.part[headings.frame_of]),
+        alternatives=(),
+    )

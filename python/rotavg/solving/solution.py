@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
 from rotavg.base.arrays import read_only
+from rotavg.base.errors import SolverError
 from rotavg.base.html import table
 from rotavg.graph import conventions
 from rotavg.graph.measurement_graph import MeasurementGraph
@@ -72,6 +73,8 @@ class Solution(NodeMapping):
             has no certificate.
         isotropic: then, where it started: of "chordal" the solution with one weight for each edge,
             without certificate; of "log" the "chordal" one, with it.
+        upright: whether gravity was held and headings alone were free (`solve_headings`): the
+            gradient and the certificate are theirs.
     """
 
     graph: MeasurementGraph
@@ -93,6 +96,7 @@ class Solution(NodeMapping):
     rigs: RigFit | None = None
     isotropic: Solution | None = None
     anisotropic: Literal["", "chordal", "log"] = ""
+    upright: bool = False
 
     @cached_property
     def quaternions(self) -> NDArray[np.float64]:
@@ -173,6 +177,8 @@ class Solution(NodeMapping):
             GraphError: an unknown node, or a pair in two components.
             OptionError: an option out of range.
         """
+        if self.upright:
+            raise SolverError("headings alone were free: their covariances are not known")
         found = read_only(covariances(self, pairs, noise_variance, frame))
         if pairs is None and frame == "world":
             self.__dict__["_covariances"] = found
@@ -296,6 +302,8 @@ class Solution(NodeMapping):
         held = ""
         if self.rigs is not None and self.rigs.estimated.any():
             held = " of the frames with the estimated sensors held"
+        if self.upright:
+            held = " of the headings, with gravity held"
         if self.robust is None:
             return f"{c.sentence}{held}"
         return self.robust.proof_sentence(f"{c.sentence}{held}", self.num_components)
