@@ -13,24 +13,37 @@ from rich.console import Console
 import rotavg
 from rotavg.base.errors import require
 from rotavg.cli import options
+from rotavg.cli.command import Command, Count
 from rotavg.cli.options import number
 from rotavg.cli.output import print_json, print_table
 from rotavg.colmap.draw import save_picture
 from rotavg.colmap.mapper import Reconstruction, check_new_folder, reconstruct
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    short_help="Reconstruct a scene with COLMAP's global mapper.",
+    groups={
+        "Output": ("output", "picture", "as_json"),
+        "Method": ("max_residual", "anisotropic", "seed", "threads"),
+    },
+)
 @click.argument("database", type=options.PATH)
 @click.argument("images", type=options.PATH)
 @click.option("-o", "--output", type=options.PATH, required=True, help="A folder, to be made.")
 @number("--max-residual", click.FloatRange(0, 180), 10.0, "Leave out pairs off by more, degrees.")
-@number("--seed", click.IntRange(0, 2**31 - 1), 0, "Of the mapper's random start.")
+@number("--seed", Count(), 0, "Of the mapper's random start.")
 @click.option(
     "--anisotropic",
     is_flag=True,
     help="Honour the covariances of the relative rotations, estimated from the pairs' inliers.",
 )
-@click.option("--threads", type=click.IntRange(1, 4096), help="Number of threads.  [default: all]")
+@click.option(
+    "--threads",
+    type=click.IntRange(1, 4096),
+    metavar="N",
+    help="Number of threads.  [default: all]",
+)
 @click.option("--picture", is_flag=True, help="Also draw points and cameras: OUTPUT/picture.png.")
 @options.as_json
 def colmap(

@@ -34,6 +34,23 @@ class Command(click.Command):
                 formatter.write_dl(records)
 
 
+class Count(click.IntRange):
+    """A whole number; help does not name the largest that there is."""
+
+    def __init__(self, low: int = 0) -> None:
+        super().__init__(low, 2**31 - 1)
+
+    def _describe_range(self) -> str:
+        return f"x>={self.min}"
+
+
+class PlainNumber(float):
+    """A default that help shows as people write it: 1e+12, not 1000000000000.0."""
+
+    def __str__(self) -> str:
+        return f"{self:g}"
+
+
 class Commands(click.Group):
     """A group that lists its commands in the order in which they were added."""
 

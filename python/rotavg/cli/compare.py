@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import rotavg
 from rotavg.cli import options
+from rotavg.cli.command import Command
 from rotavg.cli.output import print_json, print_table
 from rotavg.evaluation.compare import SHARES_DEG
 from rotavg.graph.conventions import Convention
@@ -37,7 +38,16 @@ def _columns(name: str, of: str) -> Callable[[Any], Any]:
     return click.option(name, metavar="WORDS", help=text)
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    short_help="Tell how far rotations are from a reference.",
+    groups={
+        "SOLUTION": ("format", "convention", "columns"),
+        "REFERENCE": ("reference_format", "reference_convention", "reference_columns"),
+        "Nodes": ("graph_path", "image_ids"),
+        "Output": ("as_json",),
+    },
+)
 @click.argument("solution_path", metavar="SOLUTION", type=options.PATH)
 @click.argument("reference_path", metavar="REFERENCE", type=options.PATH)
 @_format("--format", "SOLUTION")

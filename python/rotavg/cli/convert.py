@@ -9,6 +9,7 @@ import click
 
 import rotavg
 from rotavg.cli import options
+from rotavg.cli.command import Command
 from rotavg.cli.output import print_json, print_losses, print_notes
 from rotavg.cli.progress import working
 from rotavg.cli.reading import read_graph, reading_options
@@ -17,7 +18,11 @@ from rotavg.io.formats import num_nodes_written, warned_losses
 from rotavg.io.g2o_write import with_weights_to_write
 
 
-@click.command(short_help="Write a measurement graph in another format.")
+@click.command(
+    cls=Command,
+    short_help="Write a measurement graph in another format.",
+    groups=options.groups_of(Output=("output_format", "as_json")),
+)
 @click.argument("input_path", metavar="IN", type=options.PATH)
 @click.argument("output_path", metavar="OUT", type=options.PATH)
 @reading_options

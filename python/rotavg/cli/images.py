@@ -16,6 +16,7 @@ from rich.console import Console
 import rotavg
 from rotavg.base.errors import require
 from rotavg.cli import options
+from rotavg.cli.command import Command
 from rotavg.cli.options import number
 from rotavg.cli.output import print_json, print_notes, print_table
 from rotavg.images.features import find_photographs
@@ -27,7 +28,15 @@ from rotavg.io.registry import by_suffix
 _SHOWN = 20  # pairs that failed; --json has all of them
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    short_help="Measure relative rotations of photographs.",
+    groups={
+        "Output": ("output", "unit_weights", "database", "as_json"),
+        "Photographs": ("focal", "max_size", "max_features"),
+        "Matching": ("ratio", "max_error", "min_inliers", "seed"),
+    },
+)
 @click.argument("folder", type=options.PATH)
 @click.option(
     "-o", "--output", type=options.PATH, required=True, help="A .txt, .csv or .npz file: a graph."

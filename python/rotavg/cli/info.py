@@ -10,13 +10,18 @@ import numpy as np
 
 import rotavg
 from rotavg.cli import options
+from rotavg.cli.command import Command
 from rotavg.cli.output import print_json, print_notes, print_table
 from rotavg.cli.progress import working
 from rotavg.cli.reading import read_graph, reading_options
 from rotavg.solving.robust import bridges, contamination
 
 
-@click.command(short_help="Tell what graph is in a file, and how hard it is.")
+@click.command(
+    cls=Command,
+    short_help="Tell what graph is in a file, and how hard it is.",
+    groups=options.groups_of(Output=("as_json",)),
+)
 @click.argument("input_path", metavar="INPUT", type=options.PATH)
 @reading_options
 @options.as_json

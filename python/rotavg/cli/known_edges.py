@@ -16,7 +16,7 @@ from rotavg.io.edges import read_edge_list
 from rotavg.solving.edge_masks import edge_mask, odometry
 
 _OPTIONS = (
-    number("--min-cycles", click.IntRange(1), 3, "How many short cycles --cycle-threshold wants."),
+    number("--min-cycles", click.IntRange(1), 3, "Fewest cycles that --cycle-threshold goes by."),
     choice(
         "--weight-kind",
         ["auto", "precision", "frequency"],

@@ -7,6 +7,7 @@ from typing import Any, Callable
 
 import click
 
+from rotavg.cli.command import PlainNumber
 from rotavg.io import FORMATS
 
 PATH = click.Path(path_type=Path)
@@ -20,7 +21,7 @@ input_format = click.option(
     "--format",
     "format",
     type=click.Choice([form.name for form in FORMATS if form.read]),
-    help="Format of the input, if neither its content nor its name tells it.",
+    help="Format of the input.  [default: as its content tells, or its name]",
 )
 
 
@@ -29,7 +30,7 @@ def output_format(formats: list[str]) -> Callable[[Any], Any]:
     return click.option(
         "--output-format",
         type=click.Choice(formats),
-        help="Format of the output, if its name does not tell it.",
+        help="Format of the output.  [default: as its name tells]",
     )
 
 
@@ -41,7 +42,7 @@ convention = click.option(
     "--convention",
     type=click.Choice(["pose", "vision"]),
     help="Family of the input's rotations, where text, csv or npz leave it open: pose (R_i R_ij = "
-    "R_j, the default) or vision (R_ij = R_j R_i^T).",
+    "R_j) or vision (R_ij = R_j R_i^T).  [default: pose]",
 )
 
 columns = click.option(
@@ -62,7 +63,19 @@ def choice(name: str, values: list[str], default: str, text: str) -> Callable[[A
 
 def number(name: str, kind: Any, default: float, text: str) -> Callable[[Any], Any]:
     """An option that takes a number within bounds."""
-    metavar = "N" if isinstance(kind, click.IntRange) else "X"
+    whole = kind is int or isinstance(kind, click.IntRange)
+    shown = default if whole else PlainNumber(default)
     return click.option(
-        name, type=kind, default=default, show_default=True, metavar=metavar, help=text
+        name, type=kind, default=shown, show_default=True, metavar="N" if whole else "X", help=text
     )
+
+
+def groups_of(**titles: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Titles with their options, after those of reading a graph, which many commands have."""
+    return {
+        "Reading": (
+            *("format", "columns", "convention", "unit_weights", "skip_self_edges", "covariances"),
+        ),
+        "Which part": ("nodes_path", "largest_component", "min_nodes"),
+        **{title.replace("_", " "): names for title, names in titles.items()},
+    }

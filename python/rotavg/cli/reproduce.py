@@ -13,6 +13,7 @@ import click
 from rich.console import Console
 
 from rotavg.cli import options
+from rotavg.cli.options import number
 from rotavg.cli.output import print_json, print_text
 from rotavg.io.atomic import check_writable, make_folder
 from rotavg.reproduce import EXPERIMENTS, Settings, write
@@ -37,7 +38,10 @@ class _Sizes(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         return sizes
 
 
-@click.command(epilog="\b\n" + "\n".join(f"{name:<8}{e.title}" for name, e in EXPERIMENTS.items()))
+@click.command(
+    short_help="Reproduce tables and figures of the paper.",
+    epilog="\b\n" + "\n".join(f"{name:<8}{e.title}" for name, e in EXPERIMENTS.items()),
+)
 @click.argument(
     "names", metavar="WHAT...", type=click.Choice([*EXPERIMENTS, "all"]), nargs=-1, required=True
 )
@@ -46,7 +50,7 @@ class _Sizes(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     show_default=True, help="Where the tables and pictures go; made if need be.",
 )  # fmt: skip
 @click.option(
-    "--runs", type=click.IntRange(1),
+    "--runs", type=click.IntRange(1), metavar="N",
     help="Graphs per row of a table.  [default: 100, above n = 200: 3]",
 )  # fmt: skip
 @click.option(
@@ -62,7 +66,7 @@ class _Sizes(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     help="Where NAME_glomap_rotations.txt are, to compare with.",
 )  # fmt: skip
 @click.option("--slow", is_flag=True, help="BCDSR above n = 200, too: hours. Tells how many first.")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the graphs.")
+@number("--seed", click.IntRange(0), 1, "Of the graphs.")
 @options.as_json
 def reproduce(names: tuple[str, ...], folder: Path, as_json: bool, **settings: Any) -> None:
     """Reproduce tables and figures of the paper (Dong, Xie and Shi 2021).

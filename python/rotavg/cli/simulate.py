@@ -9,6 +9,7 @@ import click
 
 import rotavg
 from rotavg.cli import options
+from rotavg.cli.command import Command
 from rotavg.cli.options import number
 from rotavg.cli.output import print_json, print_losses
 from rotavg.cli.progress import working
@@ -17,7 +18,15 @@ from rotavg.io.edges import write_edge_list
 from rotavg.simulation.simulate import KINDS
 
 
-@click.command(short_help="Write a measurement graph with known noise.")
+@click.command(
+    cls=Command,
+    short_help="Write a measurement graph with known noise.",
+    groups={
+        "Output": ("output", "truth_path", "outliers_path", "as_json"),
+        "Graph": ("n", "density", "drop", "loop_closures", "seed"),
+        "Measurements": ("noise", "outliers", "outlier_clusters"),
+    },
+)
 @click.argument("kind", type=click.Choice(KINDS))
 @click.option(
     "-n",

@@ -13,7 +13,7 @@ import click
 
 import rotavg
 from rotavg.cli import options
-from rotavg.cli.command import Command
+from rotavg.cli.command import Command, Count
 from rotavg.cli.distributed import (
     check_distributed_options,
     distributed_options,
@@ -59,7 +59,7 @@ from rotavg.report import Run, check_report, write_report
             *("convention", "unit_weights", "skip_self_edges", "as_json"),
         ),
         "Which part": ("nodes_path", "largest_component", "min_nodes"),
-        "Method": ("method", "init", "seed", "mu", "accelerate", "max_rank"),
+        "Method": ("method", "init", "seed", "mu", "accelerate", "max_rank", "threads"),
         "The answer": ("gauge", "refine"),
         "Prior knowledge": (
             *("fixed_path", "fixed_convention", "gravity_path", "gravity_weight"),
@@ -97,9 +97,7 @@ from rotavg.report import Run, check_report, write_report
 @number("--seed", click.IntRange(0), 0, "Seed of --init random.")
 @number("--tolerance", click.FloatRange(0), 1e-9, "Stop when the gradient (or step) is below this.")
 @choice("--stop", ["gradient", "step"], "gradient", "What to stop on; 'step' is the paper's rule.")
-@number(
-    "--max-iterations", click.IntRange(0, 2**31 - 1), 20000, "Limit on the number of iterations."
-)
+@number("--max-iterations", Count(), 20000, "Limit on the number of iterations.")
 @click.option(
     "--time-limit", type=click.FloatRange(0), metavar="SECONDS", help="Limit on all the work."
 )
@@ -127,14 +125,14 @@ from rotavg.report import Run, check_report, write_report
     default="auto",
     metavar="DEG",
     show_default=True,
-    help="Where the loss begins to distrust, degrees.",
+    help="The residual where the loss begins to distrust, degrees; auto: from the noise.",
 )
 @click.option(
     "--cycle-threshold",
     type=click.FloatRange(0, 180, min_open=True),
     metavar="DEG",
-    help="Leave out edges each of whose three (or --min-cycles) or more short cycles misses by "
-    "more degrees.",
+    help="Leave out edges that no short cycle agrees with: all of them, three (--min-cycles) at "
+    "least, miss by more than this.",
 )
 @known_edge_options
 @click.option(
@@ -193,14 +191,14 @@ from rotavg.report import Run, check_report, write_report
     "--certificate-failure-probability",
     click.FloatRange(0, 1, max_open=True),
     1e-12,
-    "Chance of being wrong that a proof may have where one without costs much more; 0: none.",
+    "Chance of error that a proof may have where one without would cost much more; 0: none.",
 )
 @number("--certificate-seed", click.IntRange(0), 0, "Seed of such a proof.")
 @number(
     "--certificate-max-flops",
     click.FloatRange(0),
     1e12,
-    "No factorisation of the proof takes more operations.",
+    "Largest number of operations of a factorisation for the proof.",
 )
 @click.option("--no-certify", is_flag=True, help="Leave the certificate out.")
 @follow_option
@@ -246,6 +244,7 @@ def solve(
       rotavg solve graph.g2o -o solved.g2o --report report.html
       rotavg solve graph.txt --method sum --threads 4 --json
       rotavg solve photos.txt --loss auto --edges edges.csv
+      rotavg solve photos.db --gravity gravity.txt --headings
       robot | rotavg solve --follow -
     """
     check_distributed_options(distributed)
