@@ -76,10 +76,10 @@ def test_database_by_hand(tmp_path: Path) -> None:
     # qvec turns from image 1 to image 2 by +90 deg about z; i_from_j turns back.
     np.testing.assert_allclose(graph.rotations[0], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-15)
     assert set(graph.notes) == {
-        "1 pairs skipped: configuration degenerate",
-        "1 pairs skipped: configuration watermark",
+        "1 pair skipped: configuration degenerate",
+        "1 pair skipped: configuration watermark",
         "2 pairs skipped: no relative pose computed",
-        "1 pairs skipped: no inliers",
+        "1 pair skipped: no inliers",
     }
     assert graph.source.configurations.tolist() == [2, 3, 5]
     assert read(path, unit_weights=True).weights.tolist() == [1, 1, 1]

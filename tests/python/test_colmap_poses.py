@@ -128,7 +128,7 @@ def test_one_bad_pose_spoils_no_others(tmp_path: Path) -> None:
             c.commit()
         graph = read(path)
         assert graph.num_edges == 2
-        assert graph.notes == (f"1 pairs skipped: {why}",)
+        assert graph.notes == (f"1 pair skipped: {why}",)
 
 
 def test_without_pycolmap_it_is_told_how(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -146,5 +146,5 @@ def test_without_pycolmap_it_is_told_how(tmp_path: Path, monkeypatch: pytest.Mon
         c.execute("UPDATE two_view_geometries SET qvec = ? WHERE pair_id = 2147483649", (ZEROS,))
         c.commit()
     skipped, told = read(path).notes
-    assert skipped == "1 pairs skipped: no relative pose computed"
+    assert skipped == "1 pair skipped: no relative pose computed"
     assert told == hint.replace("\\", "")

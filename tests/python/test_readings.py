@@ -116,7 +116,7 @@ def test_parts_of_a_graph(tmp_path: Path) -> None:
     (tmp_path / "images.lst").write_text("x y\nz\n\nu\ngone.jpg\n")
     for options, nodes, told in (
         (("--largest-component",), 4, "6 of 10 nodes and 4 edges left out, as was asked for"),
-        (("--min-nodes", 3), 7, "3 of 10 nodes and 1 edges left out, as was asked for"),
+        (("--min-nodes", 3), 7, "3 of 10 nodes and 1 edge left out, as was asked for"),
         (("--nodes", tmp_path / "images.lst"), 3, "1 of 4 nodes are not in the graph"),
     ):
         for command in ("info", "solve"):

@@ -149,3 +149,14 @@ def test_uncertainty_beyond_half_a_turn_is_told(tmp_path: Path) -> None:
         "solve", path, "--covariances", out, "--noise-variance", 100, "--json"
     )
     assert "beyond 180" not in run("solve", path, "--covariances", out)
+
+
+@pytest.mark.parametrize(
+    "other", [3, None, ("a",), ["a", "b"], object(), [1, 2], {0: 1}, [[np.eye(3)], [3]]]
+)
+def test_what_cannot_be_compared_is_told_without_numpys_words(other: Any) -> None:
+    solution = rotavg.solve(rotavg.simulate("cycle", 5, seed=1).graph)
+    with pytest.raises(rotavg.GraphError, match=r"^reference") as caught:
+        rotavg.compare(solution, other)
+    assert "np." not in str(caught.value)
+    assert "inhomogeneous" not in str(caught.value)

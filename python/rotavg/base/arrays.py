@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, TypeVar
 
 import numpy as np
@@ -40,7 +41,11 @@ def as_floats(
     except (TypeError, ValueError) as error:
         if isinstance(error, GraphError):
             raise
-        raise GraphError(f"{what} are not an array of numbers: {error}") from error
+        # NumPy shows its scalars as np.str_('a').
+        reason = re.sub(r"np\.\w+\(([^()]*)\)", r"\1", str(error))
+        if "inhomogeneous" in reason:
+            reason = "its entries differ in shape"
+        raise GraphError(f"{what} are not an array of numbers: {reason}") from error
     if array.shape != shape:
         raise GraphError(f"{what} have shape {array.shape}, expected {shape}")
     return array

@@ -84,8 +84,9 @@ def read_graph(
     if graph.num_nodes < whole.num_nodes:
         count = whole.num_nodes - graph.num_nodes
         edges = whole.num_edges - graph.num_edges
+        some = "1 edge" if edges == 1 else f"{edges} edges"
         graph = graph.with_notes(
-            f"{count} of {whole.num_nodes} nodes and {edges} edges left out, as was asked for"
+            f"{count} of {whole.num_nodes} nodes and {some} left out, as was asked for"
         )
     return graph.with_notes(*hint, *rotavg.doubts(graph))
 

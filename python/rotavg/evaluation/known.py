@@ -70,6 +70,11 @@ def known(value: Rotations, what: str) -> Known:
         found = Known(as_floats(_matrix(value[1]), (len(nodes), 3, 3), what), nodes)
     else:
         matrices = _matrix(value)
+        if _dimensions(matrices) == 0 or (isinstance(value, (tuple, list)) and _has_text(value)):
+            raise GraphError(
+                f"{what}: found {value!r:.60}, expected a solution, a mapping from ids to "
+                "matrices, a pair of ids and matrices, matrices (n, 3, 3), or the path of a file"
+            )
         n = len(np.atleast_1d(np.asarray(matrices, dtype=object)))
         if n == 0:
             raise GraphError(f"{what}: there are no rotations to compare")
@@ -93,6 +98,10 @@ def _of_file(path: str | os.PathLike[str]) -> AbsoluteRotations:
 def _matrix(value: Any) -> Any:
     """Matrices of SciPy's rotations; anything else as it is."""
     return value.as_matrix() if hasattr(value, "as_matrix") else value
+
+
+def _has_text(value: Sequence[Any]) -> bool:
+    return any(isinstance(item, str) for item in value)
 
 
 def _dimensions(value: Any) -> int:

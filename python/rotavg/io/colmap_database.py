@@ -303,7 +303,7 @@ def _notes(
         )
     for why, n in sorted(skipped.items()):
         if n:
-            notes.append(f"{n} pairs skipped: {why}")
+            notes.append(f"{n} pair{'s' * (n != 1)} skipped: {why}")
     if computed is None:
         notes.append('with pycolmap they are computed here: pip install "rotavg[colmap]"')
     return tuple(notes)
