@@ -267,3 +267,20 @@ def test_the_command_tells_it(tmp_path: Path) -> None:
     wide = rotavg.MeasurementGraph(graph.edges, graph.rotations, covariances=spread)
     rotavg.write(tmp_path / "wide.csv", wide)
     assert "are they degrees^2?" in run("info", tmp_path / "wide.csv")[1]
+
+
+def test_compare_tells_a_reference_in_the_other_family(tmp_path: Path) -> None:
+    for noise, n in ((0.0, 6), (0.05, 40), (0.5, 100)):
+        simulation = rotavg.simulate("complete", n, noise=noise, seed=6)
+        solution = rotavg.solve(simulation.graph)
+        truth = simulation.truth
+        rotavg.write(tmp_path / "s.csv", solution)
+        rotavg.write(tmp_path / "t.csv", truth)
+        turned = rotavg.KnownRotations(truth.graph, np.swapaxes(truth.rotations, 1, 2))
+        rotavg.write(tmp_path / "v.csv", turned)
+        question = "is one of the two in the other family"
+        assert question not in run("compare", tmp_path / "s.csv", tmp_path / "t.csv")[1]
+        arguments = ("compare", tmp_path / "s.csv", tmp_path / "v.csv")
+        assert question in run(*arguments)[1]
+        assert question in json.loads(run(*arguments, "--json")[0])["notes"][0]
+        assert question not in run(*arguments, "--reference-convention", "vision")[1]

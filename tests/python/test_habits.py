@@ -227,7 +227,7 @@ def test_frames_go_out_and_come_back() -> None:
     ("columns", "message"),
     [
         ({"i": [0]}, "expected i and j"),
-        ({"i": [0], "j": [1]}, "expected qx qy qz qw, rx ry rz or r00 to r22"),
+        ({"i": [0], "j": [1]}, "expected qx qy qz qw, rx ry rz .* or r00 to r22"),
         ({"i": [0], "j": [1], "rx": [0.0], "ry": ["x"], "rz": [0.0]}, "are no numbers"),
         ({"i": [0], "j": [1], "rx": [0.0], "ry": [np.nan], "rz": [0.0]}, "expected finite"),
         ({"i": [0], "j": [1], "qx": [0], "qy": [0], "qz": [0], "qw": [0]}, "quaternion is zero"),

@@ -382,3 +382,28 @@ def test_without_the_extra_it_is_named_before_the_work(
     with pytest.raises(rotavg.MissingExtraError, match=r"rotavg\[report\]"):
         report.write_report(tmp_path / "out.html", solved)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_who_adds_what(tmp_path: Path) -> None:
+    """Tables of nodes, frames and sensors: the costliest first, shares of the whole objective."""
+    graph = rotavg.simulate("complete", 12, noise=0.1, outliers=0.1, seed=8).graph
+    images = {k: divmod(k, 2) for k in range(12)}
+    rigs = rotavg.Priors(rigs=rotavg.Rigs(images))
+    for priors, kinds in ((None, {"node": 12}), (rigs, {"node": 12, "frame": 6, "sensor": 2})):
+        solution = rotavg.solve(graph, priors=priors, loss="auto")
+        diagnosis = rotavg.diagnose(solution)
+        for kind in ("node", "frame", "sensor"):
+            table = tables.shares(diagnosis, kind)
+            assert (table is not None) == (kind in kinds)
+            if table is None:
+                continue
+            assert table.caption.startswith(f"All {kinds[kind]} {kind}s")
+            shares = [float(row[3]) for row in table.rows]
+            assert shares == sorted(shares, reverse=True)
+            assert sum(shares) == pytest.approx(100)
+            few = tables.shares(diagnosis, kind, limit=1)
+            assert few is not None
+            assert few.rows == table.rows[:1]
+        page = rotavg.report.html(solution)
+        assert "Who adds what" in page
+        assert ("sensors: edges with an end there" in page) == (priors is not None)

@@ -160,3 +160,18 @@ def test_what_cannot_be_compared_is_told_without_numpys_words(other: Any) -> Non
         rotavg.compare(solution, other)
     assert "np." not in str(caught.value)
     assert "inhomogeneous" not in str(caught.value)
+
+
+def test_a_database_with_a_damaged_schema_is_told(tmp_path: Path) -> None:
+    """What a fuzzer found: SQLite's message quotes the schema, and that is no text."""
+    path = tmp_path / "d.db"
+    with sqlite3.connect(path) as connection:
+        connection.execute("CREATE TABLE images (image_id INTEGER, name TEXT, camera_id INTEGER)")
+        connection.execute("CREATE TABLE two_view_geometries (pair_id INTEGER)")
+    connection.close()
+    data = path.read_bytes()
+    for old in (b"image_id", b"CREATE TABLE images", b"(image_id"):
+        for new in (b"\xff", b"\xff\xfe", b"\x80("):
+            path.write_bytes(data.replace(old, new.ljust(len(old), b"\xff"), 1))
+            with pytest.raises(rotavg.FormatError, match=re.escape(str(path))):
+                rotavg.read(path)

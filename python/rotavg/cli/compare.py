@@ -15,6 +15,7 @@ from rotavg.cli import options
 from rotavg.cli.command import Command
 from rotavg.cli.output import print_json, print_table
 from rotavg.evaluation.compare import SHARES_DEG
+from rotavg.evaluation.paired import is_clearly_better
 from rotavg.graph.conventions import Convention
 from rotavg.graph.ids import IdArray, rows_of
 from rotavg.io.absolute import AbsoluteRotations
@@ -119,6 +120,7 @@ def compare(
         label = _components(graph_path, solution.nodes, solution_path)
         solution = dataclasses.replace(solution, component=label)
     result = rotavg.compare(solution, reference)
+    notes = _other_family(result, solution, reference)
     degrees = np.degrees([result.median, result.mean, result.rms, result.angles.max()])
     shares = [result.share_below(float(np.radians(d))) for d in SHARES_DEG]
     only = result.only_in_rotations, result.only_in_reference
@@ -131,8 +133,11 @@ def compare(
             "only_in_reference": only[1],
             **dict(zip(("median_deg", "mean_deg", "rms_deg", "max_deg"), degrees.tolist())),
             **{f"share_below_{d}_deg": share for d, share in zip(SHARES_DEG, shares)},
+            "notes": notes,
         })  # fmt: skip
         return
+    for note in notes:
+        click.echo(f"note: {note}", err=True)
     aligned = "1 component"
     if result.num_components > 1:
         aligned = f"{result.num_components} components, each by itself"
@@ -154,6 +159,22 @@ def compare(
             ", ".join(f"{d} deg: {100 * share:.4g} %" for d, share in zip(SHARES_DEG, shares)),
         ),
     ])  # fmt: skip
+
+
+def _other_family(
+    result: rotavg.Comparison, solution: AbsoluteRotations, reference: AbsoluteRotations
+) -> list[str]:
+    """Whether one of the two is in the other family: then its inverses are much nearer."""
+    inverse = np.swapaxes(reference.rotations, 1, 2)
+    other = rotavg.compare(solution, dataclasses.replace(reference, rotations=inverse))
+    if not is_clearly_better(result.angles, other.angles):
+        return []
+    after, before = np.degrees([other.median, result.median]).round(4)
+    return [
+        f"with the inverses of the reference's rotations the median is {after:.3g} deg, not "
+        f"{before:.3g}: is one of the two in the other family (--convention, "
+        "--reference-convention)?"
+    ]
 
 
 def _components(path: Path, nodes: IdArray, solution_path: Path) -> NDArray[Any]:

@@ -91,7 +91,8 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
             found = f"found no COLMAP database: {error}"
             raise FormatError(found, path=path) from error
         raise FileAccessError(f"cannot be read: {error}", path=path) from error
-    except sqlite3.DatabaseError as error:
+    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
+        # SQLite's own messages quote a damaged schema, which need not be text.
         raise FormatError(f"found no readable database: {error}", path=path) from error
 
 
