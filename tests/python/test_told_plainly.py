@@ -175,3 +175,17 @@ def test_a_database_with_a_damaged_schema_is_told(tmp_path: Path) -> None:
             path.write_bytes(data.replace(old, new.ljust(len(old), b"\xff"), 1))
             with pytest.raises(rotavg.FormatError, match=re.escape(str(path))):
                 rotavg.read(path)
+
+
+def test_arrays_without_a_length_are_refused(tmp_path: Path) -> None:
+    """What a fuzzer found in npz: a number where an array of translations is expected."""
+    graph = rotavg.simulate("cycle", 5, noise=0.1, seed=1).graph
+    for shape in ((), (0,), (3,), (2, 3, 3)):
+        with pytest.raises(rotavg.GraphError, match="translations have shape"):
+            rotavg.RelativeTranslations(np.ones(shape))
+        with pytest.raises(rotavg.GraphError):
+            rotavg.solve(graph).covariances(np.ones(shape, dtype=np.int64))
+    path = tmp_path / "g.npz"
+    np.savez(path, edges=graph.edges, rotations=graph.rotations, translations=np.float64(1))
+    with pytest.raises(rotavg.FormatError, match=r"g\.npz: translations have shape \(\)"):
+        rotavg.read(path)

@@ -40,7 +40,8 @@ class RelativeTranslations(ReadOnly):
         cross: ArrayLike | None = None,
         dimension: int = 3,
     ) -> None:
-        m = len(vectors) if isinstance(vectors, (np.ndarray, list, tuple)) else 1
+        rows = vectors.shape if isinstance(vectors, np.ndarray) else ()
+        m = len(vectors) if isinstance(vectors, (list, tuple)) else rows[0] if rows else 1
         t = as_floats(vectors, (m, 3), "translations")
         if information is None:
             information = np.broadcast_to(np.eye(3), (m, 3, 3))

@@ -53,7 +53,7 @@ def covariances(
     if frame not in ("world", "node"):
         raise OptionError(f"frame is {frame!r}, expected 'world' or 'node'")
     if pairs is not None:
-        count = len(pairs) if isinstance(pairs, np.ndarray) else 0
+        count = pairs.size // 2 if isinstance(pairs, np.ndarray) else 0
         check_memory(f"the covariances of {count} pairs", _BYTES_PER_PAIR * count, SolverError)
     rows = None if pairs is None else _rows(solution, pairs)
     graph, grounded = solution.graph, solution.grounded
