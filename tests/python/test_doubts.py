@@ -162,6 +162,11 @@ def test_no_false_hint_on_real_graphs() -> None:
     for name, graph in graphs.items():
         assert other_reading(graph) is None, name
         assert rotavg.doubts(graph) == (), name
+    for name in ("madrid", "ellis_island.npz", "lu_sphinx.npz", "castle_p30.npz", "torus3D.g2o"):
+        turned = np.swapaxes(graphs[name].rotations, 1, 2)
+        found = other_reading(rotavg.MeasurementGraph(graphs[name].edges, turned))
+        assert found is not None, name
+        assert (found.other_family, found.w_first) == (True, False)
 
 
 @pytest.mark.parametrize("kind", ["complete", "erdos_renyi", "sphere", "band"])

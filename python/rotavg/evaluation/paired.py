@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 # Below it, radians, whatever is wrong is small.
 NOISE_WORTH_A_LOOK = float(np.radians(0.5))
+ROUNDED = NOISE_WORTH_A_LOOK / 10  # below, errors are as good as none
 # Clear at a glance: of so few errors, so many times smaller.
 FACTOR = 4
 LEAST_FEW = 3
@@ -28,7 +29,7 @@ def is_better_on_average(read: NDArray[np.float64], other: NDArray[np.float64]) 
     """The same of many independent errors, whatever noise and outliers do to most of them."""
     if len(read) < LEAST_SEPARATE:
         return False
-    gain = np.log(np.maximum(read, NOISE_WORTH_A_LOOK) / np.maximum(other, NOISE_WORTH_A_LOOK))
+    gain = np.log(np.maximum(read, ROUNDED) / np.maximum(other, ROUNDED))
     return bool(gain.mean() > max(_LEAST_GAIN, _STANDARD_ERRORS * standard_error(gain)))
 
 

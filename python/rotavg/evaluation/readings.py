@@ -21,6 +21,7 @@ from rotavg.evaluation.paired import (
     LEAST_FEW,
     LEAST_SEPARATE,
     NOISE_WORTH_A_LOOK,
+    ROUNDED,
     is_better_on_average,
     standard_error,
 )
@@ -201,10 +202,10 @@ def other_reading(graph: MeasurementGraph, *, w_first: bool = True) -> OtherRead
     if len(edges) < LEAST_FEW:
         return None
     read = _errors(graph, np.asarray(graph.rotations), edges, lengths)
-    if _typical(read) < NOISE_WORTH_A_LOOK:
+    if float(np.median(read)) < NOISE_WORTH_A_LOOK:
         return None
     best: OtherReading | None = None
-    least = _typical(read) / FACTOR
+    least = _typical(read) / FACTOR if _typical(read) > NOISE_WORTH_A_LOOK else 0.0
     ways = _other_ways(graph, w_first)
     for (other, first), rotations in ways.items():
         errors = _errors(graph, rotations, edges, lengths)
@@ -235,11 +236,13 @@ def _better_on_average(
     lengths = cycles.lengths
     if len(lengths) < LEAST_SEPARATE:
         return None
-    read = np.maximum(cycles.errors(np.asarray(graph.rotations)), NOISE_WORTH_A_LOOK)
+    read = np.maximum(cycles.errors(np.asarray(graph.rotations)), ROUNDED)
+    if np.median(read / np.sqrt(lengths)) < NOISE_WORTH_A_LOOK:
+        return None
     best: OtherReading | None = None
     least = read
     for (other, first), rotations in ways.items():  # the simpler ones first
-        errors = np.maximum(cycles.errors(rotations), NOISE_WORTH_A_LOOK)
+        errors = np.maximum(cycles.errors(rotations), ROUNDED)
         more = np.log(least / errors)
         if (
             is_better_on_average(read, errors)

@@ -15,7 +15,9 @@ _ANYTHING = float(np.radians(60.0))  # of rotations at random half are beyond 13
 _LITTLE = 0.3  # of independent rotations it is 1
 _MOST_EDGES = 50_000  # that are looked at
 _MOST_CYCLES = 1000
+_LONGEST = 20  # edges of a cycle: errors of longer ones say little of an edge
 _MOST_VISITED = 400  # nodes, in the search for one cycle
+_MOST_WORK = 400_000  # nodes in all: a fraction of a second
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,7 @@ def separate_cycles(ends: NDArray[np.int32]) -> SeparateCycles:
 
 def _cycles(indices: list[list[int]], neighbours: dict[int, dict[int, int]]) -> Iterator[list[int]]:
     """Nodes around cycles of edges that are there; whoever takes one removes its edges."""
+    work = 0
     count = len(indices)
     # Evenly spread over the graph: each step by the golden section of the number of edges.
     step = max(1, round(0.618 * count))
@@ -94,25 +97,33 @@ def _cycles(indices: list[list[int]], neighbours: dict[int, dict[int, int]]) -> 
         edge = k * step % count
         i, j = indices[edge]
         if neighbours[i].get(j) == edge:
-            around = _way_around(neighbours, i, j)
+            around, visited = _way_around(neighbours, i, j)
             if around is not None:
                 yield around
+            work += visited
+            if work > _MOST_WORK:
+                return
 
 
-def _way_around(neighbours: dict[int, dict[int, int]], i: int, j: int) -> list[int] | None:
-    """The nodes of a shortest path from i to j that is not their edge; None if none is near."""
+def _way_around(
+    neighbours: dict[int, dict[int, int]], i: int, j: int
+) -> tuple[list[int] | None, int]:
+    """The nodes of a shortest path from i to j that is not their edge; None if none is near.
+
+    And how many nodes were visited.
+    """
     before = {i: i}
     layer = [node for node in neighbours[i] if node != j]
     before.update((node, i) for node in layer)
-    while layer:
+    for _ in range(_LONGEST - 2):
         for node in layer:
             if j in neighbours[node]:
                 path = [j, node]
                 while path[-1] != i:
                     path.append(before[path[-1]])
-                return path[::-1]
-        if len(before) > _MOST_VISITED:
-            return None
+                return path[::-1], len(before)
+        if not layer or len(before) > _MOST_VISITED:
+            break
         following = []
         for node in layer:
             for other in neighbours[node]:
@@ -120,7 +131,7 @@ def _way_around(neighbours: dict[int, dict[int, int]], i: int, j: int) -> list[i
                     before[other] = node
                     following.append(other)
         layer = following
-    return None
+    return None, len(before)
 
 
 def in_degrees(
