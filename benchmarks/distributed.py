@@ -103,14 +103,37 @@ def rounds(arguments: argparse.Namespace) -> None:
 
 
 def made(chunk: int, chunks: int, nodes: int, edges: int, seed: int) -> Edges:
-    """A city's chunk: nodes in a strip, joined to others near by and to the next strip's."""
+    """A city's district: nodes on a square of a lattice, joined to others within three steps, also
+    of the districts around; one edge in a hundred leads anywhere (a place seen again).
+    """
     rng = np.random.default_rng([seed, chunk])
-    size, count = nodes // chunks, edges // chunks
-    first = chunk * size
-    i = first + np.concatenate([np.arange(size), rng.integers(size, size=count - size)])
-    reach = np.concatenate([np.ones(size, np.int64), rng.integers(1, 60, size=count - size)])
-    j = np.minimum(i + reach, chunks * size - 1)
-    i, j = i[i != j], j[i != j]
+    across = int(np.sqrt(chunks))  # districts in a row; the last row may be shorter
+    side = int(np.sqrt(nodes / chunks))
+    size, count = side * side, edges // chunks
+    district = np.array([chunk % across, chunk // across])
+    local = np.stack(np.divmod(np.arange(size), side), axis=1)
+    more = count - 2 * size
+    begin = np.concatenate([local, local, local[rng.integers(size, size=more)]])
+    step = np.concatenate(
+        [
+            np.tile([1, 0], (size, 1)),
+            np.tile([0, 1], (size, 1)),
+            rng.integers(-3, 4, size=(more, 2)),
+        ]
+    )
+    there = side * district + begin + step
+    cell = there // side
+    inside = (cell >= 0).all(axis=1) & (cell[:, 0] < across)
+    number = cell[:, 0] + across * cell[:, 1]
+    inside &= (number < chunks) & (step != 0).any(axis=1)
+    rest = there - side * cell
+    i = chunk * size + begin @ [side, 1]
+    j = number * size + rest @ [side, 1]
+    again = rng.random(len(i)) < 0.01
+    again[: 2 * size] = False
+    j[again] = rng.integers(chunks * size, size=np.count_nonzero(again))
+    keep = (inside | again) & (i != j)
+    i, j = i[keep], j[keep]
     noise = rotations(0.05 * rng.normal(size=(len(i), 3)))
     return Edges(i, j, truth(i).transpose(0, 2, 1) @ truth(j) @ noise, np.ones(len(i)))
 

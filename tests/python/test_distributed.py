@@ -24,6 +24,7 @@ from rotavg.distributed import solve  # noqa: E402
 from rotavg.distributed.building import build, sent  # noqa: E402
 from rotavg.distributed.chebyshev import Chebyshev  # noqa: E402
 from rotavg.distributed.coarse import Joints, turns  # noqa: E402
+from rotavg.distributed.deadline import Deadline  # noqa: E402
 from rotavg.distributed.local import level, solve_majorised  # noqa: E402
 from rotavg.distributed.operator import apply, make_operator  # noqa: E402
 from rotavg.distributed.proof import _told, prove  # noqa: E402
@@ -40,9 +41,8 @@ def client() -> Iterator[Any]:
         yield one
 
 
-def built(client: Any, graph: rotavg.MeasurementGraph, parts: int) -> tuple[Any, list[Any], int]:
-    chunks, owners = sent(client, graph, parts)
-    return build(client, chunks, parts, owners)
+def built(client: Any, graph: rotavg.MeasurementGraph, parts: int) -> tuple[Any, list[Any]]:
+    return build(client, *sent(client, graph, parts))
 
 
 def random_rotations(rng: np.random.Generator, *shape: int) -> np.ndarray:
@@ -93,14 +93,14 @@ def test_it_is_the_optimum_of_one_process(client: Any, name: str, parts: int) ->
 def test_all_parts_at_once_never_raise_the_objective(client: Any) -> None:
     rng = np.random.default_rng(20210712)
     graph = GRAPHS["dense"]
-    network, _, _ = built(client, graph, 4)
+    network, _ = built(client, graph, 4)
     parts = network.gather(network.parts)
     assert sum(part.num_own for part in parts) == len(graph.nodes)
     assert len({node for part in parts for node in part.nodes[: part.num_own]}) == len(graph.nodes)
     for _ in range(10):
         R = [random_rotations(rng, part.num_own) for part in parts]
         before = sum(x.objective for x in network.gather(network.with_neighbours(level, R)))
-        swept = network.with_neighbours(solve_majorised, R, tolerance=1e-6)
+        swept = network.with_neighbours(solve_majorised, R, tolerance=1e-6, deadline=Deadline())
         after = sum(x.objective for x in network.gather(network.with_neighbours(level, swept)))
         assert after < before
 
@@ -109,7 +109,7 @@ def test_the_levels_of_parts_add_up(client: Any) -> None:
     rng = np.random.default_rng(20210713)
     graph = with_two_components()
     R = random_rotations(rng, len(graph.nodes))
-    network, _, _ = built(client, graph, 3)
+    network, _ = built(client, graph, 3)
     parts = network.gather(network.parts)
     own = [R[np.searchsorted(graph.nodes, part.nodes[: part.num_own])] for part in parts]
     levels = network.gather(network.with_neighbours(level, own))
@@ -152,7 +152,7 @@ def test_the_operator_is_that_of_the_certificate(client: Any) -> None:
     scaled = S.reshape(3 * n, 3 * n) / np.sqrt(np.outer(np.repeat(degree, 3), np.repeat(degree, 3)))
     expected = (scaled @ y.reshape(3 * n, 2)).reshape(n, 3, 2)
 
-    network, _, _ = built(client, graph, 3)
+    network, _ = built(client, graph, 3)
     parts = network.gather(network.parts)
     rows = [np.searchsorted(graph.nodes, part.nodes) for part in parts]
     for part, at in zip(parts, rows):
@@ -175,15 +175,19 @@ def test_a_wound_cycle_is_refuted(client: Any, monkeypatch: pytest.MonkeyPatch) 
     R[:, 0, 0] = R[:, 1, 1] = np.cos(angles)
     R[:, 1, 0], R[:, 0, 1], R[:, 2, 2] = np.sin(angles), -np.sin(angles), 1.0
     assert np.abs(rotavg.gradient(graph, R)).max() < 1e-14  # a critical point all the same
-    network, pieces, num_pieces = built(client, graph, 3)
-    rounds = Rounds(network, pieces, num_pieces)
+    network, pieces = built(client, graph, 3)
+    rounds = Rounds(network, pieces)
     parts = network.gather(network.parts)
     for rotations, verdict, shortfall in (
         (R, "not_certified", "negative"),
         (np.tile(np.eye(3), (n, 1, 1)), "proved", "none"),
     ):
         rounds.reweight(network.parts, [rotations[part.nodes[: part.num_own]] for part in parts])
-        certificate = prove(rounds, 1e-6, 1e-12, 0)
+        component, count = rounds.components()
+        certificate = prove(
+            rounds, component, count, tolerance=1e-6, probability=1e-12, seed=0
+        )
+        assert certificate is not None
         assert certificate.verdict == verdict
         assert certificate.shortfall == shortfall
 
@@ -224,7 +228,7 @@ def test_the_chance_of_a_wrong_proof_is_what_is_stated(client: Any) -> None:
     n = 8
     edges = np.array([(k, (k + 1) % n) for k in range(n)])
     graph = rotavg.MeasurementGraph(edges, np.tile(np.eye(3), (n, 1, 1)))
-    network, _, _ = built(client, graph, 1)
+    network, _ = built(client, graph, 1)
     part = network.parts[0].result()
     angles = 2.0 * np.pi * part.nodes / n
     R = np.tile(np.eye(3), (n, 1, 1))

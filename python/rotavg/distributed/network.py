@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Callable
 
+from rotavg.base.errors import require
+from rotavg.distributed.deadline import Deadline
 from rotavg.distributed.part import Part, Rotations, boundary_of, with_others
 
 
@@ -60,6 +62,15 @@ class Network:
             )
             for p, part in enumerate(self.parts)
         ]
+
+    def done(self, futures: Sequence[Any], deadline: Deadline) -> bool:
+        """Whether these are done before the deadline; waits until one of the two."""
+        distributed = require("distributed", "distributed")
+        try:
+            distributed.wait(list(futures), timeout=deadline.left())
+        except distributed.TimeoutError:
+            return False
+        return True
 
     def gather(self, futures: Sequence[Any]) -> list[Any]:
         """Their results, here."""

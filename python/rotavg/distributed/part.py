@@ -17,7 +17,7 @@ from rotavg.distributed.edges import Edges
 
 Rotations = NDArray[np.float64]
 
-BLOCK = 1 << 16  # edges that are worked on at a time: some 10 MB
+BLOCK = 1 << 17  # edges that are worked on at a time: some 30 MB
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.base.errors import GraphError
+from rotavg.distributed.deadline import Deadline
 from rotavg.distributed.local import inner_graph
 from rotavg.distributed.part import Part, Rotations, degrees
 from rotavg.graph.measurement_graph import MeasurementGraph
@@ -47,12 +48,16 @@ class Loss:
         return given * np.maximum(1.0 / (1.0 + in_units), LEAST_WEIGHT)
 
 
-def solve_alone_robustly(part: Part) -> tuple[Rotations, float, float, float]:
+def solve_alone_robustly(
+    part: Part, deadline: Deadline
+) -> tuple[Rotations, float, float, float]:
     """The own nodes by the edges between them; scale and noise of the loss, the median weight."""
     graph = inner_graph(part)
     if graph is None:
         return np.tile(np.eye(3), (part.num_own, 1, 1)), np.nan, np.nan, np.nan
-    solution = solve(graph, loss="auto", certify=False, num_threads=1)
+    solution = solve(
+        graph, loss="auto", certify=False, num_threads=1, time_limit=deadline.left()
+    )
     fit = solution.robust
     assert fit is not None
     return np.asarray(solution.rotations), fit.scale, fit.noise, float(np.median(graph.weights))
