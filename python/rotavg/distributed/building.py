@@ -32,6 +32,7 @@ from rotavg.distributed.owners import (
 from rotavg.distributed.part import Part, make_part, wired
 from rotavg.graph.measurement_graph import MeasurementGraph
 
+NOTHING = "there is nothing to solve: no edge was given"
 MOST_LAYERS = 8  # of overlap
 MOST_OVERLAP = 0.25  # of the own nodes
 
@@ -59,9 +60,7 @@ class Region:
         return np.setdiff1d(self.edges.nodes(), self.nodes)
 
 
-def sent(
-    client: Any, graph: MeasurementGraph, num_parts: int
-) -> tuple[Iterator[Any], int, Any]:
+def sent(client: Any, graph: MeasurementGraph, num_parts: int) -> tuple[Iterator[Any], int, Any]:
     """A graph that is here, on its way to workers: chunks, how many parts, and who owns what.
 
     Data that were scattered are lost with the worker that has them; so they go as arguments of
@@ -102,12 +101,14 @@ def build(
 
     held = list(chunks)
     del chunks
+    if not held:
+        raise GraphError(NOTHING)
     if owners is None:
         owners = _owners(client, submit, held, num_parts)
     count = submit(_num_parts, owners).result()
     told = client.gather([submit(_present, chunk, owners) for chunk in held])
     if not any(told):
-        raise GraphError("there is nothing to solve: no edge was given")
+        raise GraphError(NOTHING)
     pieces_of: list[list[Any]] = [[] for _ in range(count)]
     for k, present in enumerate(told):
         split = submit(_split, held[k], owners, present)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.distributed.deadline import Deadline
+from rotavg.distributed.deadline import NEVER, Deadline
 from rotavg.distributed.network import Network
 from rotavg.distributed.operator import (
     UNIT_ROUNDOFF,
@@ -63,7 +63,6 @@ class Told:
         leftover, leftover_rounding: (components,) sums, see `Operator`.
         rounding: of a product with M, for a vector of length one.
         num_nodes: those with an edge.
-        num_edges: of the graph.
         least_degree: of a node with an edge.
     """
 
@@ -72,7 +71,6 @@ class Told:
     leftover_rounding: NDArray[np.float64]
     rounding: float
     num_nodes: int
-    num_edges: int
     least_degree: float
 
     @staticmethod
@@ -85,7 +83,6 @@ class Told:
             # Every row is in one part, and the norms of its pieces add up as squares do.
             math.sqrt(sum(part.rounding**2 for part in parts)),
             sum(part.num_nodes for part in parts),
-            sum(part.num_edges for part in parts),
             min(part.least_degree for part in parts),
         )
 
@@ -107,7 +104,7 @@ class Chebyshev:
         operators: Sequence[Any],
         told: Told,
         num_components: int,
-        deadline: Deadline = Deadline(),
+        deadline: Deadline = NEVER,
     ) -> None:
         self.deadline = deadline
         self.network, self.operators = network, list(operators)
@@ -155,24 +152,21 @@ class Chebyshev:
         k, longest = 1, 1.0
         while k <= steps:
             told = [lengths]
-            vectors = [previous, y]
-            for _ in range(BATCH - 1):
-                y_next, lengths = self._step(vectors[-1], vectors[-2], 2.0 * scale, 2.0 * shift)
-                vectors.append(y_next)
+            for _ in range(BATCH):
+                following, lengths = self._step(y, previous, 2.0 * scale, 2.0 * shift)
+                previous, y = y, following
                 told.append(lengths)
+            told.pop()  # the next batch begins with it
             if not self.network.done(told, self.deadline):
                 return Outcome(late=True)
             for length in self.network.gather(told):
                 longest = max(longest, length)
                 if not length < 1e3:
-                    return Outcome(quotient=self._quotient(vectors[-1]))
+                    return Outcome(quotient=self._quotient(previous))
                 if (1.0 + 1e-9) * length < math.cosh(k * eta) * (t - r):
                     return Outcome(cut=cut)
                 r += self.error * longest * math.exp(-k * eta) / math.sinh(eta)
                 k += 1
-            previous, y = vectors[-2], vectors[-1]
-            y, lengths = self._step(y, previous, 2.0 * scale, 2.0 * shift)
-            previous = vectors[-1]
         return Outcome(quotient=self._quotient(y))
 
     def _start(self, seed: int) -> list[Any]:

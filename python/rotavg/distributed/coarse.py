@@ -1,9 +1,9 @@
 """One rotation for each piece of a part: the small problem that joins the parts.
 
-At first a piece is what hangs together inside a part; in the rounds it is an aggregate of nodes that
-is smaller. Where piece p is turned as a whole, R_i <- Q_p R_i, an
-edge between pieces p and q costs w |Q_p (R_i R_ij R_j^T) - Q_q|^2: a rotation averaging problem in
-the Q, in which all edges of a pair add up to tr(Q_p N_pq Q_q^T) with N_pq = sum w R_i R_ij R_j^T.
+At first a piece is what hangs together inside a part; in the rounds it is an aggregate of nodes,
+which is smaller. Where piece p is turned as a whole, R_i <- Q_p R_i, an edge between pieces p and q
+costs w |Q_p (R_i R_ij R_j^T) - Q_q|^2: a rotation averaging problem in the Q, in which all edges of
+a pair add up to tr(Q_p N_pq Q_q^T) with N_pq = sum w R_i R_ij R_j^T.
 """
 
 from __future__ import annotations

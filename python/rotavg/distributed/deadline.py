@@ -30,3 +30,6 @@ class Deadline:
     def passed(self) -> bool:
         """Whether it is over."""
         return time.time() >= self.at
+
+
+NEVER = Deadline()

@@ -33,7 +33,9 @@ class Edges:
     def of(graph: MeasurementGraph) -> Edges:
         """Those of a graph."""
         if not isinstance(graph, MeasurementGraph):
-            raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph or Edges")
+            raise GraphError(
+                f"found a {type(graph).__name__}, expected a MeasurementGraph or Edges"
+            )
         if graph.nodes.dtype.kind not in "iu":
             raise GraphError("a distributed solve takes integer node ids, and these are names")
         return Edges(
@@ -53,9 +55,7 @@ class Edges:
         if np.size(self.i) == 0:
             return replace(Edges.concatenated([]), alone=alone)
         ends = np.stack([self.i, self.j], axis=1)
-        return replace(
-            Edges.of(MeasurementGraph(ends, self.rotations, self.weights)), alone=alone
-        )
+        return replace(Edges.of(MeasurementGraph(ends, self.rotations, self.weights)), alone=alone)
 
     @staticmethod
     def concatenated(pieces: Iterable[Edges]) -> Edges:

@@ -90,9 +90,7 @@ def solve_region(part: Part, R: Rotations, tolerance: float, deadline: Deadline)
     return _solved(ends, rotations, weights, R[:world], tolerance, deadline)[: part.num_own]
 
 
-def solve_majorised(
-    part: Part, R: Rotations, tolerance: float, deadline: Deadline
-) -> Rotations:
+def solve_majorised(part: Part, R: Rotations, tolerance: float, deadline: Deadline) -> Rotations:
     """The own nodes of a solution that never makes the whole objective larger, whatever the other
     parts do at the same time.
 

@@ -7,7 +7,7 @@ from typing import Any, Callable
 
 from rotavg.base.errors import require
 from rotavg.distributed.deadline import Deadline
-from rotavg.distributed.part import Part, Rotations, boundary_of, with_others
+from rotavg.distributed.part import Part, Rotations, boundary_of, with_others, without_edges
 
 
 class Network:
@@ -63,8 +63,14 @@ class Network:
             for p, part in enumerate(self.parts)
         ]
 
+    def forget_edges(self) -> None:
+        """Keep of the parts only who they are and whom they tell what."""
+        self.parts = self.each(without_edges)
+
     def done(self, futures: Sequence[Any], deadline: Deadline) -> bool:
-        """Whether these are done before the deadline; waits until one of the two."""
+        """Whether these are done before the deadline, where there is one; waits for either."""
+        if deadline.left() is None:
+            return True
         distributed = require("distributed", "distributed")
         try:
             distributed.wait(list(futures), timeout=deadline.left())

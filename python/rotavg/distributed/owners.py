@@ -72,7 +72,7 @@ def homes(ends: Sequence[tuple[NDArray[np.int64], NDArray[np.int64]]]) -> Owners
 def crossings(
     chunk: Edges, home: Owners, num_chunks: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Between the homes of which chunks the edges of a chunk are, a num_chunks + b, and how many."""
+    """Between the homes of which chunks edges of a chunk are, a num_chunks + b, and how many."""
     between = home[chunk.i].astype(np.int64) * num_chunks + home[chunk.j]
     return np.unique(between, return_counts=True)
 
@@ -95,8 +95,9 @@ def by_chunks(
 def shares(home: Owners, num_chunks: int, num_parts: int) -> NDArray[np.int64]:
     """(num_chunks,) into how many parts each chunk goes, where there are fewer chunks."""
     sizes = np.bincount(home.part, minlength=num_chunks)
-    share = np.round(num_parts * sizes / max(1, sizes.sum()))
-    return np.maximum(1, share).astype(np.int64)
+    upto = np.round(num_parts * np.cumsum(sizes) / max(1, sizes.sum()))
+    share: NDArray[np.int64] = np.maximum(1, np.diff(upto, prepend=0.0)).astype(np.int64)
+    return share
 
 
 def divided(chunk: Edges, number: int, home: Owners, share: NDArray[np.int64]) -> NDArray[np.int32]:

@@ -114,6 +114,12 @@ def wired(part: Part, owners: NDArray[np.int32], asked: Sequence[NDArray[np.int6
     return replace(part, asks=asks, boundary=np.searchsorted(part.nodes[: part.num_own], boundary))
 
 
+def without_edges(part: Part) -> Part:
+    """All of the part but its edges."""
+    none = np.zeros(0, np.bool_)
+    return replace(part, edges=Edges.concatenated([]), counted=none, touching=none)
+
+
 def boundary_of(part: Part, own: Rotations) -> tuple[NDArray[np.int64], Rotations]:
     """Ids and rotations of the own nodes that others ask for."""
     return part.nodes[part.boundary], own[part.boundary]

@@ -41,7 +41,8 @@ def prove(
 
     Args:
         rounds: which have ended.
-        component, num_components: of them.
+        component: of every own node, of every part.
+        num_components: how many have an edge.
         tolerance: the largest relative gap that is called optimal.
         probability: that the proof may fail with.
         seed: of its random start.
@@ -49,9 +50,14 @@ def prove(
     network, state, deadline = rounds.network, rounds.state, rounds.deadline
     if deadline.passed:
         return None
+    rounds.forget()
+    measure = _measured(network, state.rotations, component, num_components)
     degrees = network.with_neighbours(as_they_are, network.each(_degree))
     operators = network.with_neighbours(make_operator, state.rotations, degrees, component)
     sums = network.each(_told, operators, count=num_components)
+    gathered = measure.num_edges <= GATHERED
+    if not gathered:  # a part's edges make room for its operator
+        network.forget_edges()
     if not network.done(sums, deadline):
         return None
     told = Told.joined(network.gather(sums))
@@ -59,7 +65,7 @@ def prove(
     outcome = proof.tried(probability, seed, FEW_PRODUCTS)
     if outcome.late:
         return None
-    if not outcome.is_decided(proof) and told.num_edges <= GATHERED:
+    if not outcome.is_decided(proof) and gathered:
         options = {"tolerance": tolerance, "failure_probability": probability, "seed": seed}
         certificate: Certificate = network.client.submit(
             _certified, network.parts, state.rotations, options, deadline, pure=False
@@ -69,16 +75,13 @@ def prove(
         outcome = proof.tried(probability, seed, MANY_PRODUCTS, outcome.quotient)
     if outcome.late:
         return None
-    measure = _measured(network, state.rotations, component, num_components)
     return _certificate(outcome, proof, told, measure, tolerance, probability)
 
 
 def stopped(objective: float, tolerance: float) -> Certificate:
     """Where there was no time for more: f(R) - f* <= f(R), of the graph as a whole."""
     gap, none = objective * (1.0 + 1e-9), Shortfall.STOPPED
-    return Certificate(
-        Verdict.NOT_CERTIFIED, math.nan, gap, 1.0, "none", 0.0, none, tolerance
-    )
+    return Certificate(Verdict.NOT_CERTIFIED, math.nan, gap, 1.0, "none", 0.0, none, tolerance)
 
 
 def _certificate(
@@ -93,7 +96,7 @@ def _certificate(
     few = 16.0 * float(np.finfo(np.float64).eps)
     parts = []
     for c, (objective, total) in enumerate(zip(measure.objective, 0.5 * told.degrees)):
-        f = objective * (1.0 + UNIT_ROUNDOFF * told.num_edges)
+        f = objective * (1.0 + UNIT_ROUNDOFF * measure.num_edges)
         f += few * (math.sqrt(total * f) + few * total)
         # f(R) - f* <= |D^-1/2 K|_F^2 / cut, and it is at most f(R).
         gap, method, chance = f, "nonnegativity", 0.0
@@ -134,10 +137,12 @@ class Measure:
     """What the gaps of components are held against.
 
     Attributes:
+        num_edges: of the graph.
         objective: (components,) their parts of f.
         weight: (components,) sums of weights; no edge counts for more than 1000 times the lightest.
     """
 
+    num_edges: int
     objective: NDArray[np.float64]
     weight: NDArray[np.float64]
 
@@ -148,6 +153,7 @@ def _measured(network: Network, rotations: list[Any], component: list[Any], coun
     lightest = np.min([least for _, least in told], axis=0)
     weights = network.each(_capped_weights, component, lightest=lightest)
     return Measure(
+        sum(network.gather(network.each(_num_edges))),
         np.sum([objective for objective, _ in told], axis=0),
         np.sum(network.gather(weights), axis=0),
     )
@@ -176,6 +182,10 @@ def _capped_weights(
     return np.asarray(np.bincount(label, capped, minlength=len(lightest)), np.float64)
 
 
+def _num_edges(part: Part) -> int:
+    return int(np.count_nonzero(part.counted))
+
+
 def _degree(part: Part) -> NDArray[np.float64]:
     return part.degree
 
@@ -190,7 +200,6 @@ def _told(part: Part, operator: Operator, count: int) -> Told:
         by_component(operator.leftover_rounding),
         operator.rounding,
         int(np.count_nonzero(part.degree)),
-        int(np.count_nonzero(part.counted)),
         float(part.degree.min(initial=np.inf, where=part.degree > 0)),
     )
 

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from rotavg import _core
 from rotavg.distributed.coarse import Joints, aggregates, joints, turns
-from rotavg.distributed.deadline import Deadline
+from rotavg.distributed.deadline import NEVER, Deadline
 from rotavg.distributed.local import (
     Level,
     level,
+    solve_alone,
     solve_majorised,
     solve_region,
     vee_difference,
@@ -85,7 +86,7 @@ class Rounds:
         self,
         network: Network,
         pieces: Sequence[Any],
-        deadline: Deadline = Deadline(),
+        deadline: Deadline = NEVER,
     ) -> None:
         self.network = network
         self.pieces, self.num_pieces = numbered(network, pieces)
@@ -97,9 +98,10 @@ class Rounds:
         self._past: list[Any] = []  # of every part; none yet where it is empty
         self.start = time.perf_counter()
 
-    def begin(self, rotations: list[Any]) -> Round:
-        """From every part solved alone: joined, for a start."""
+    def begin(self) -> Round:
+        """Every part solved alone, and joined, for a start."""
         network = self.network
+        rotations = network.each(solve_alone, deadline=self.deadline)
         found = network.gather(network.with_neighbours(joints, rotations, self.all_pieces))
         Q = turns(Joints.joined(found), self.num_pieces, first=True)
         self.state = self._measured(self.turned(rotations, Q))
@@ -130,6 +132,11 @@ class Rounds:
         if _falls(after, before):
             self.state = after
         return self.told(number, kind)
+
+    def forget(self) -> None:
+        """Let go of what only further rounds would need."""
+        self._past.clear()
+        self.all_aggregates.clear()
 
     def components(self) -> tuple[list[Any], int]:
         """Which connected component of the graph every own node is in, and how many have an edge.
@@ -194,7 +201,7 @@ class Rounds:
     def _mixed(self) -> list[Any]:
         """Anderson's mixing: the mean of G's values whose steps cancel best (Walker, Ni 2011)."""
         network = self.network
-        gram = sum(network.gather(network.each(_steps_gram, self._past)), 0.0)
+        gram = np.sum(network.gather(network.each(_steps_gram, self._past)), axis=0)
         # Minimise c^T gram c over sum c = 1.
         damped = gram + 1e-12 * np.trace(gram) * np.eye(len(gram))
         ones = np.ones(len(gram))

@@ -15,7 +15,6 @@ from rotavg.base.errors import Error, FormatError, GraphError, OptionError, Solv
 from rotavg.distributed.building import build, sent
 from rotavg.distributed.deadline import Deadline
 from rotavg.distributed.edges import Edges
-from rotavg.distributed.local import solve_alone
 from rotavg.distributed.part import Part
 from rotavg.distributed.proof import prove, stopped
 from rotavg.distributed.robust import (
@@ -113,17 +112,18 @@ def solve(
             parts = max(1, sum(cluster.nthreads().values()))
         # Nothing here holds the chunks: they are forgotten once there are parts.
         if isinstance(source, MeasurementGraph):
-            network, pieces = build(cluster, *sent(cluster, source, parts))
+            built = build(cluster, *sent(cluster, source, parts))
         else:
-            network, pieces = build(cluster, _chunks(cluster, source), parts)
-        rounds = Rounds(network, pieces, limits.deadline)
+            built = build(cluster, _chunks(cluster, source), parts)
+        rounds = Rounds(*built, limits.deadline)
+        del built
         if loss == "auto":
             trace, reason, robust = _robustly(rounds, limits, seed)
         else:
-            alone = network.each(solve_alone, deadline=limits.deadline)
-            trace, robust = [rounds.begin(alone)], None
+            trace, robust = [rounds.begin()], None
             reason = _run(rounds, trace, limits)
         component, num_components = rounds.components()
+        network = rounds.network
         sizes = network.gather(network.each(_sizes))
         solution = DistributedSolution(
             objective=trace[-1].objective,
@@ -192,10 +192,11 @@ def _robustly(rounds: Rounds, limits: Limits, seed: int) -> tuple[list[Round], s
     base = rounds.network
     alone = base.each(solve_alone_robustly, deadline=limits.deadline)
     told = base.gather([base.client.submit(_without_rotations, one, pure=False) for one in alone])
-    loss = common_loss(told)
     rotations = [base.client.submit(_rotations, one, pure=False) for one in alone]
     found = base.gather(base.with_neighbours(votes, rotations, rounds.all_pieces, seed=seed))
-    rotations = rounds.turned(rotations, robust_turns(found, rounds.num_pieces))
+    Q, by_votes = robust_turns(found, rounds.num_pieces)
+    loss = common_loss(told, by_votes)
+    rotations = rounds.turned(rotations, Q)
     given = base.each(_weights)
     trace: list[Round] = []
     settled, reason = 1.0, "converged"
