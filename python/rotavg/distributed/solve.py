@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import logging
+import signal
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, Callable, Literal, Union
 
@@ -222,9 +225,33 @@ def _robustly(rounds: Rounds, limits: Limits, seed: int) -> tuple[list[Round], s
 def _cluster(processes: ExitStack) -> Any:
     """A client of processes on this machine, for as long as they are wanted."""
     distributed = require("distributed", "distributed")
-    local = distributed.LocalCluster(threads_per_worker=1, dashboard_address=":0")
+    with _left_to_this_process():
+        # What goes wrong there is told by an error of ours, or mended.
+        try:
+            local = distributed.LocalCluster(
+                threads_per_worker=1, dashboard_address=":0", silence_logs=logging.CRITICAL
+            )
+        except RuntimeError as error:
+            raise SolverError(
+                f"processes cannot be started here: {error} A program that does so needs "
+                "`if __name__ == '__main__':` around what it does, as they import it"
+            ) from error
     processes.enter_context(local)
     return processes.enter_context(distributed.Client(local))
+
+
+@contextmanager
+def _left_to_this_process() -> Iterator[None]:
+    """Ctrl-C waits; threads and processes that are started here never see it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # where that starts later, it unblocks the signal
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
@@ -263,7 +290,11 @@ def _chunks(client: Any, source: str | Path | Sequence[Chunk]) -> Iterator[Any]:
 def _read(path: str) -> Edges:
     from rotavg.io import read
 
-    return Edges.of(read(path))
+    graph = read(path)
+    try:
+        return Edges.of(graph)
+    except GraphError as error:
+        raise FormatError(str(error), path=path) from None
 
 
 def _called(chunk: Chunk, number: int) -> Edges:
