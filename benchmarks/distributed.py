@@ -4,21 +4,26 @@
     python -m benchmarks.distributed rounds --parts 2 4 8 16 32 64
     python -m benchmarks.distributed chunks --nodes 3000000 --edges 30000000 --workers 4 --parts 32
 
-Each prints a table. `chunks` makes the measurements chunk by chunk on the workers, so that no
-process ever holds the graph, and tells the largest memory of any.
+Each prints a table. With `--workers 0` there is no Dask, and one process does everything: it takes
+the same rounds, in less time. `chunks` makes the measurements chunk by chunk on the workers, so
+that no process ever holds the graph, and tells the largest memory of any.
 """
 
 from __future__ import annotations
 
 import argparse
-import resource
+import os
 import time
+from contextlib import nullcontext
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import rotavg
+from benchmarks.inline_client import InlineClient
 from rotavg.distributed import DistributedSolution, Edges, solve
 
 
@@ -29,9 +34,14 @@ def family(name: str, n: int) -> rotavg.MeasurementGraph:
     return rotavg.simulate(name, n, noise=0.05, seed=1).graph
 
 
-def peak_gigabytes() -> float:
-    """Of this process."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+def used() -> tuple[float, float]:
+    """The largest memory of this process so far, GB, and its CPU seconds.
+
+    Not ru_maxrss, in which a process begins with what the one had that started it.
+    """
+    status = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    peak = next(int(line.split()[1]) for line in status if line.startswith("VmHWM"))
+    return peak / 2**20, sum(os.times()[:2])
 
 
 def cluster(workers: int) -> tuple[Any, Any]:
@@ -44,32 +54,68 @@ def cluster(workers: int) -> tuple[Any, Any]:
     return local, Client(local)
 
 
-def in_parts(source: Any, workers: int, parts: int, **options: Any) -> tuple[Any, ...]:
-    """The solution, seconds, and the largest memory of a worker and of the client in GB."""
-    local, client = cluster(workers)
+@dataclass(frozen=True)
+class Run:
+    """A solution and what it took.
+
+    Attributes:
+        solution: of which the numbers are left.
+        seconds: from first to last.
+        memory, client_memory: the largest of a worker, and of the client with the scheduler, GB.
+        cpu, client_cpu: seconds of all workers together, and of that.
+        fetched: MB that all parts fetch from one another in one exchange of rotations, if each is
+            on a worker of its own.
+    """
+
+    solution: DistributedSolution
+    seconds: float
+    memory: float
+    client_memory: float
+    cpu: float
+    client_cpu: float
+    fetched: float
+
+
+def in_parts(source: Any, workers: int, parts: int, **options: Any) -> Run:
+    """Solved, and measured; 0 workers: in this process, without Dask."""
+    local, client = cluster(workers) if workers > 0 else (nullcontext(), InlineClient())
     with local, client:
-        begin = time.perf_counter()
+        begin, (_, before) = time.perf_counter(), used()
         solution = solve(source, client=client, parts=parts, **options)
         seconds = time.perf_counter() - begin
-        memory = max(client.run(peak_gigabytes).values())
-    return solution, seconds, memory, peak_gigabytes()
+        told = client.run(used).values()
+        network = solution.network
+        sizes = client.gather(network.each(boundary_size))
+        fetched = sum(sizes[q] for around in network.neighbours for q in around) * 80e-6
+    here, now = used()
+    memory = max(peak for peak, _ in told)
+    cpu = sum(time for _, time in told) if workers > 0 else 0.0
+    return Run(solution, seconds, memory, here, cpu, now - before, fetched)
 
 
-def row(solution: DistributedSolution, seconds: float, memory: float, objective: float) -> str:
+def boundary_size(part: Any) -> int:
+    """How many nodes' rotations others ask the part for."""
+    return len(part.boundary)
+
+
+def row(run: Run, objective: float) -> str:
     """Of a table."""
+    solution = run.solution
     solved = [r for r in solution.rounds if r.objective <= objective * (1.0 + 1e-9)]
     certificate = solution.certificate
     verdict = "" if certificate is None else f"{certificate.verdict} ({certificate.method})"
     return (
         f"| {solution.num_parts} | {solved[0].number if solved else '-'} | "
         f"{solution.rounds[-1].number} | {solution.objective / objective - 1.0:.1e} | {verdict} | "
-        f"{solution.rounds[-1].seconds:.1f} | {seconds:.1f} | {memory:.2f} |"
+        f"{run.seconds:.1f} | {run.cpu:.1f} + {run.client_cpu:.1f} | {run.memory:.2f} | "
+        f"{run.fetched:.2f} |"
     )
 
 
 HEAD = (
     "| parts | rounds to 1e-9 | rounds | objective, relative to one process | certificate | "
-    "rounds, s | all, s | largest worker, GB |\n|" + "---|" * 8
+    "wall, s | CPU of workers + client, s | largest worker, GB | "
+    "an exchange, MB |\n|" + "---|" * 9
 )
 
 
@@ -85,8 +131,7 @@ def families(arguments: argparse.Namespace) -> None:
         )
         print(f"{alone.objective:.12g}, {alone.certificate.verdict}, {seconds:.1f} s\n\n{HEAD}")
         for workers in arguments.workers:
-            solution, seconds, memory, _ = in_parts(graph, workers, workers)
-            print(row(solution, seconds, memory, alone.objective), flush=True)
+            print(row(in_parts(graph, workers, workers), alone.objective), flush=True)
 
 
 def rounds(arguments: argparse.Namespace) -> None:
@@ -96,15 +141,13 @@ def rounds(arguments: argparse.Namespace) -> None:
         alone = rotavg.solve(graph, tolerance=1e-10, certify=False)
         print(f"\n{name}: {len(graph.nodes)} nodes, {len(graph.edges)} edges\n\n{HEAD}")
         for parts in arguments.parts:
-            solution, seconds, memory, _ = in_parts(
-                graph, arguments.workers[-1], parts, certify=False
-            )
-            print(row(solution, seconds, memory, alone.objective), flush=True)
+            run = in_parts(graph, arguments.workers[-1], parts, certify=False)
+            print(row(run, alone.objective), flush=True)
 
 
-def made(chunk: int, chunks: int, nodes: int, edges: int, seed: int) -> Edges:
+def made(chunk: int, chunks: int, nodes: int, edges: int, anywhere: float, seed: int) -> Edges:
     """A city's district: nodes on a square of a lattice, joined to others within three steps, also
-    of the districts around; one edge in a hundred leads anywhere (a place seen again).
+    of the districts around; a share of the edges leads anywhere (a place seen again).
     """
     rng = np.random.default_rng([seed, chunk])
     across = int(np.sqrt(chunks))  # districts in a row; the last row may be shorter
@@ -129,7 +172,7 @@ def made(chunk: int, chunks: int, nodes: int, edges: int, seed: int) -> Edges:
     rest = there - side * cell
     i = chunk * size + begin @ [side, 1]
     j = number * size + rest @ [side, 1]
-    again = rng.random(len(i)) < 0.01
+    again = rng.random(len(i)) < anywhere
     again[: 2 * size] = False
     j[again] = rng.integers(chunks * size, size=np.count_nonzero(again))
     keep = (inside | again) & (i != j)
@@ -152,11 +195,9 @@ def rotations(rotvecs: np.ndarray) -> np.ndarray:
 
 def chunks(arguments: argparse.Namespace) -> None:
     """A graph that no process holds."""
-    made_by = [
-        partial(made, k, arguments.parts[-1], arguments.nodes, arguments.edges, 1)
-        for k in range(arguments.parts[-1])
-    ]
-    solution, seconds, memory, here = in_parts(
+    count, size = arguments.parts[-1], (arguments.nodes, arguments.edges)
+    made_by = [partial(made, k, count, *size, arguments.anywhere, 1) for k in range(count)]
+    run = in_parts(
         made_by,
         arguments.workers[-1],
         arguments.parts[-1],
@@ -167,7 +208,11 @@ def chunks(arguments: argparse.Namespace) -> None:
             flush=True,
         ),
     )
-    print(f"{solution}\n{seconds:.0f} s; largest worker {memory:.2f} GB, client {here:.2f} GB")
+    print(
+        f"{run.solution}\n{run.seconds:.0f} s, CPU {run.cpu:.0f} s of the workers and "
+        f"{run.client_cpu:.0f} s of the client; largest worker {run.memory:.2f} GB, "
+        f"client {run.client_memory:.2f} GB; {run.fetched:.1f} MB an exchange"
+    )
 
 
 def main() -> None:
@@ -179,6 +224,7 @@ def main() -> None:
     parser.add_argument("--edges", type=int, default=1_000_000)
     parser.add_argument("--workers", type=int, nargs="+", default=[2])
     parser.add_argument("--parts", type=int, nargs="+", default=[2, 4, 8, 16, 32, 64])
+    parser.add_argument("--anywhere", type=float, default=0.01)
     parser.add_argument("--tolerance", type=float, default=1e-6)
     arguments = parser.parse_args()
     {"families": families, "rounds": rounds, "chunks": chunks}[arguments.what](arguments)

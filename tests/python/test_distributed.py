@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import rotavg
-from inline_client import InlineClient
+from benchmarks.inline_client import InlineClient
 
 distributed = pytest.importorskip("distributed", reason="needs the extra [distributed]")
 pytest.importorskip("pymetis", reason="needs the extra [distributed]")

@@ -19,6 +19,7 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving.solve import solve
 
 AGGREGATES = (128, 64, 32, 16, 8)  # of a part
+MOST_AGGREGATES = 1 << 16  # of all parts: one process holds their small problem
 LEAST_AGGREGATE = 8  # nodes
 MOST_PAIRS = 8  # of aggregates with edges between them, for each
 
@@ -36,17 +37,20 @@ def pieces(part: Part) -> NDArray[np.int64]:
     return label.astype(np.int64)
 
 
-def aggregates(part: Part, piece: NDArray[np.int64]) -> NDArray[np.int64]:
+def aggregates(
+    part: Part, piece: NDArray[np.int64], most: int = MOST_AGGREGATES
+) -> NDArray[np.int64]:
     """(num_own,) pieces divided further, by METIS, numbered from 0.
 
     The more there are, the fewer rounds. But where each has edges to most of the others, as on
-    expanders, the small problem would be as large as the graph, and is of no use: then fewer.
+    expanders, the small problem would be as large as the graph, and is of no use: then fewer. There
+    are `most` at most.
     """
     n = part.num_own
     inner = (part.edges.i < n) & (part.edges.j < n)
     i, j = part.edges.i[inner], part.edges.j[inner]
     for count in AGGREGATES:
-        if n < LEAST_AGGREGATE * count:
+        if count > most or n < LEAST_AGGREGATE * count:
             continue
         label = partition(n, i, j, np.ones(len(i)), count)
         between = label[i] != label[j]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg import _core
-from rotavg.distributed.coarse import Joints, aggregates, joints, turns
+from rotavg.distributed.coarse import MOST_AGGREGATES, Joints, aggregates, joints, turns
 from rotavg.distributed.deadline import NEVER, Deadline
 from rotavg.distributed.local import (
     Level,
@@ -89,11 +89,13 @@ class Rounds:
         deadline: Deadline = NEVER,
     ) -> None:
         self.network = network
-        self.pieces, self.num_pieces = numbered(network, pieces)
+        self.pieces, self.first_piece = numbered(network, pieces)
+        self.num_pieces = int(self.first_piece[-1])
         self.deadline = deadline
         self.all_pieces = network.with_neighbours(as_they_are, self.pieces)
-        aggregate = network.each(aggregates, self.pieces)
-        self.aggregates, self.num_aggregates = numbered(network, aggregate)
+        aggregate = network.each(aggregates, pieces, most=MOST_AGGREGATES // len(network))
+        self.aggregates, self.first_aggregate = numbered(network, aggregate)
+        self.num_aggregates = int(self.first_aggregate[-1])
         self.all_aggregates = network.with_neighbours(as_they_are, self.aggregates)
         self._past: list[Any] = []  # of every part; none yet where it is empty
         self.start = time.perf_counter()
@@ -158,7 +160,8 @@ class Rounds:
         with_edges = np.unique(label[np.concatenate(joined)])
         number = np.zeros(self.num_pieces, np.int64)
         number[with_edges] = np.arange(len(with_edges))
-        return network.each(_labels, self.pieces, label=number[label]), len(with_edges)
+        labels = _shared(number[label], self.first_piece)
+        return network.each(_labels, self.pieces, labels), len(with_edges)
 
     def in_gauge(self, component: list[Any], count: int) -> list[Any]:
         """The rotations, with I for the first node of every component."""
@@ -190,13 +193,13 @@ class Rounds:
         network = self.network
         found = network.gather(network.with_neighbours(joints, rotations, self.all_aggregates))
         Q = turns(Joints.joined(found), self.num_aggregates, first=False)
-        return network.each(_turned, rotations, self.aggregates, Q=Q)
+        return network.each(_turned, rotations, self.aggregates, _shared(Q, self.first_aggregate))
 
     def turned(self, rotations: list[Any], Q: Rotations) -> list[Any]:
         """Every piece turned by its rotation."""
         if self.num_pieces == 1:
             return rotations
-        return self.network.each(_turned, rotations, self.pieces, Q=Q)
+        return self.network.each(_turned, rotations, self.pieces, _shared(Q, self.first_piece))
 
     def _mixed(self) -> list[Any]:
         """Anderson's mixing: the mean of G's values whose steps cancel best (Walker, Ni 2011)."""
@@ -209,13 +212,19 @@ class Rounds:
         return network.each(_mean, self._past, share=share / share.sum())
 
 
-def numbered(network: Network, pieces: Sequence[Any]) -> tuple[list[Any], int]:
-    """Pieces of all parts, numbered one part after the other, and how many there are."""
-    first = np.cumsum([0, *network.gather(network.each(_count, pieces))])
+def numbered(network: Network, pieces: Sequence[Any]) -> tuple[list[Any], NDArray[np.int64]]:
+    """Pieces numbered one part after the other; the first of every part, and how many there are."""
+    sizes = network.gather(network.each(_count, pieces))
+    first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     return [
         network.client.submit(np.add, piece, int(first[p]), pure=False)
         for p, piece in enumerate(pieces)
-    ], int(first[-1])
+    ], first
+
+
+def _shared(values: NDArray[Any], first: NDArray[np.int64]) -> list[tuple[int, NDArray[Any]]]:
+    """To every part what is its pieces', and the number of the first."""
+    return [(int(a), values[a:b]) for a, b in zip(first[:-1], first[1:])]
 
 
 def _count(part: Part, piece: NDArray[np.int64]) -> int:
@@ -245,8 +254,11 @@ def _in_gauge(
     return R
 
 
-def _labels(part: Part, piece: NDArray[np.int64], label: NDArray[np.int64]) -> NDArray[np.int64]:
-    return label[piece]
+def _labels(
+    part: Part, piece: NDArray[np.int64], labels: tuple[int, NDArray[np.int64]]
+) -> NDArray[np.int64]:
+    first, label = labels
+    return label[piece - first]
 
 
 def as_they_are(part: Part, values: NDArray[Any]) -> NDArray[Any]:
@@ -254,8 +266,11 @@ def as_they_are(part: Part, values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
-def _turned(part: Part, own: Rotations, piece: NDArray[np.int64], Q: Rotations) -> Rotations:
-    return Q[piece] @ own
+def _turned(
+    part: Part, own: Rotations, piece: NDArray[np.int64], turns: tuple[int, Rotations]
+) -> Rotations:
+    first, Q = turns
+    return Q[piece - first] @ own
 
 
 @dataclass(frozen=True, eq=False)
