@@ -3,6 +3,8 @@
     python -m benchmarks.distributed families --workers 1 2 4    # n = 1e5, three families
     python -m benchmarks.distributed rounds --parts 2 4 8 16 32 64
     python -m benchmarks.distributed chunks --nodes 3000000 --edges 30000000 --workers 4 --parts 32
+    python -m benchmarks.distributed scheduler    # what a task costs
+    python -m benchmarks.distributed plan --nodes 1e8 --edges 1e10 --parts 256 512 1024 2048
 
 Each prints a table. With `--workers 0` there is no Dask, and one process does everything: it takes
 the same rounds, in less time. `chunks` makes the measurements chunk by chunk on the workers, so
@@ -23,6 +25,7 @@ from typing import Any
 import numpy as np
 
 import rotavg
+from benchmarks.distributed_plan import add_arguments, plan
 from benchmarks.inline_client import InlineClient
 from rotavg.distributed import DistributedSolution, Edges, solve
 
@@ -46,11 +49,13 @@ def used() -> tuple[float, float]:
 
 def cluster(workers: int) -> tuple[Any, Any]:
     """So many processes on this machine, and their client."""
+    import dask
     from distributed import Client, LocalCluster
 
-    local = LocalCluster(
-        n_workers=workers, threads_per_worker=1, dashboard_address=":0", memory_limit=0
-    )
+    with dask.config.set({"distributed.worker.profile.enabled": False}):
+        local = LocalCluster(
+            n_workers=workers, threads_per_worker=1, dashboard_address=":0", memory_limit=0
+        )
     return local, Client(local)
 
 
@@ -215,19 +220,55 @@ def chunks(arguments: argparse.Namespace) -> None:
     )
 
 
+def scheduler(arguments: argparse.Namespace) -> None:
+    """What a task costs the process of scheduler and client; of a chain the end is held."""
+    local, client = cluster(1)
+    with local, client:
+        future = client.submit(int, 0, pure=False)
+        future.result()
+        before, cpu = resident_bytes(), used()[1]
+        for _ in range(arguments.tasks // 100):
+            for _ in range(100):
+                future = client.submit(np.add, future, 1, pure=False)
+            future.result()
+        each = (resident_bytes() - before) / arguments.tasks
+        seconds = (used()[1] - cpu) / arguments.tasks
+    print(f"{arguments.tasks} tasks: {each:.0f} bytes and {1e6 * seconds:.0f} us of CPU each")
+
+
+def resident_bytes() -> int:
+    """Of this process now."""
+    pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
+    return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+
 def main() -> None:
-    """One of the three."""
+    """One of them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=["families", "rounds", "chunks"])
+    commands = {
+        "families": families,
+        "rounds": rounds,
+        "chunks": chunks,
+        "scheduler": scheduler,
+        "plan": plan,
+    }
+    parser.add_argument("what", choices=list(commands))
     parser.add_argument("--families", nargs="+", default=["sphere", "grid", "expander"])
-    parser.add_argument("--nodes", type=int, default=100_000)
-    parser.add_argument("--edges", type=int, default=1_000_000)
+    parser.add_argument("--nodes", type=whole, default=100_000)
+    parser.add_argument("--edges", type=whole, default=1_000_000)
     parser.add_argument("--workers", type=int, nargs="+", default=[2])
     parser.add_argument("--parts", type=int, nargs="+", default=[2, 4, 8, 16, 32, 64])
     parser.add_argument("--anywhere", type=float, default=0.01)
+    parser.add_argument("--tasks", type=int, default=10_000)
     parser.add_argument("--tolerance", type=float, default=1e-6)
+    add_arguments(parser)
     arguments = parser.parse_args()
-    {"families": families, "rounds": rounds, "chunks": chunks}[arguments.what](arguments)
+    commands[arguments.what](arguments)
+
+
+def whole(text: str) -> int:
+    """A whole number, also as 1e8."""
+    return int(float(text))
 
 
 if __name__ == "__main__":

@@ -153,6 +153,21 @@ def test_a_worker_may_die_at_any_time(
     assert np.array_equal(np.sort(np.concatenate(nodes)), GRAPH.nodes)
 
 
+def test_ctrl_c_is_not_lost_where_an_object_is_deleted(client: Any) -> None:
+    class Deleted:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    def drop_one(round: Any) -> None:
+        if round.number == 1:
+            objects.clear()  # what is raised in __del__ is dropped
+
+    objects = [Deleted()]
+    with pytest.raises(KeyboardInterrupt):
+        solve(GRAPH, client=client, parts=3, tolerance=0.0, callback=drop_one)
+    assert objects == []
+
+
 def deadly_source() -> Any:
     os.kill(os.getpid(), signal.SIGKILL)
 

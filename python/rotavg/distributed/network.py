@@ -7,6 +7,7 @@ from typing import Any, Callable
 
 from rotavg.base.errors import require
 from rotavg.distributed.deadline import Deadline
+from rotavg.distributed.interruption import check
 from rotavg.distributed.part import Part, Rotations, boundary_of, with_others, without_edges
 
 
@@ -69,6 +70,7 @@ class Network:
 
     def done(self, futures: Sequence[Any], deadline: Deadline) -> bool:
         """Whether these are done before the deadline, where there is one; waits for either."""
+        check()
         if deadline.left() is None:
             return True
         distributed = require("distributed", "distributed")
@@ -80,6 +82,7 @@ class Network:
 
     def gather(self, futures: Sequence[Any]) -> list[Any]:
         """Their results, here."""
+        check()
         results: list[Any] = self.client.gather(list(futures))
         return results
 

@@ -18,6 +18,7 @@ from rotavg.base.errors import Error, FormatError, GraphError, OptionError, Solv
 from rotavg.distributed.building import build, sent
 from rotavg.distributed.deadline import Deadline
 from rotavg.distributed.edges import Edges
+from rotavg.distributed.interruption import heeded
 from rotavg.distributed.part import Part
 from rotavg.distributed.proof import prove, stopped
 from rotavg.distributed.robust import (
@@ -109,7 +110,7 @@ def solve(
     }
     if loss not in ("l2", "auto"):
         raise OptionError(f"loss is {loss!r}, expected 'l2' or 'auto'")
-    with ExitStack() as processes, _told_plainly():
+    with heeded(), ExitStack() as processes, _told_plainly():
         cluster = _cluster(processes) if client is None else client
         if parts is None:
             parts = max(1, sum(cluster.nthreads().values()))
@@ -228,9 +229,13 @@ def _cluster(processes: ExitStack) -> Any:
     with _left_to_this_process():
         # What goes wrong there is told by an error of ours, or mended.
         try:
-            local = distributed.LocalCluster(
-                threads_per_worker=1, dashboard_address=":0", silence_logs=logging.CRITICAL
-            )
+            # Dask's profiler would look at every worker a hundred times a second.
+            with require("dask", "distributed").config.set(
+                {"distributed.worker.profile.enabled": False}
+            ):
+                local = distributed.LocalCluster(
+                    threads_per_worker=1, dashboard_address=":0", silence_logs=logging.CRITICAL
+                )
         except RuntimeError as error:
             raise SolverError(
                 f"processes cannot be started here: {error} A program that does so needs "
