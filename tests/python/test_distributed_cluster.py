@@ -160,7 +160,7 @@ def test_ctrl_c_is_not_lost_where_an_object_is_deleted(client: Any) -> None:
 
     def drop_one(round: Any) -> None:
         if round.number == 1:
-            objects.clear()  # what is raised in __del__ is dropped
+            objects.clear()  # what is raised in __del__ would be dropped
 
     objects = [Deleted()]
     with pytest.raises(KeyboardInterrupt):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rotavg.base.errors import GraphError
 from rotavg.distributed.coarse import pieces
 from rotavg.distributed.edges import Edges
-from rotavg.distributed.network import Network
+from rotavg.distributed.network import Network, gathered
 from rotavg.distributed.owners import (
     Owners,
     by_chunks,
@@ -105,8 +105,8 @@ def build(
         raise GraphError(NOTHING)
     if owners is None:
         owners = _owners(client, submit, held, num_parts)
-    count = submit(_num_parts, owners).result()
-    told = client.gather([submit(_present, chunk, owners) for chunk in held])
+    (count,) = gathered(client, [submit(_num_parts, owners)])
+    told = gathered(client, [submit(_present, chunk, owners) for chunk in held])
     if not any(told):
         raise GraphError(NOTHING)
     pieces_of: list[list[Any]] = [[] for _ in range(count)]
@@ -121,7 +121,7 @@ def build(
     parts = [submit(_part, region) for region in regions]
     del regions
     asks = [submit(_asks, part, owners) for part in parts]
-    asked = client.gather([submit(sorted, ask) for ask in asks])
+    asked = gathered(client, [submit(sorted, ask) for ask in asks])
     askers: list[list[Any]] = [[] for _ in parts]
     for q, whom in enumerate(asked):
         for p in whom:
@@ -143,11 +143,11 @@ def _owners(client: Any, submit: Any, chunks: Sequence[Any], num_parts: int) -> 
 
 def _grown(client: Any, submit: Any, regions: list[Any], owners: Any) -> list[Any]:
     """With as many layers of overlap as are worth their room: they save rounds."""
-    own = sum(client.gather([submit(_num_nodes, region) for region in regions]))
+    own = sum(gathered(client, [submit(_num_nodes, region) for region in regions]))
     for _ in range(MOST_LAYERS):
         rings = [submit(_ring, region) for region in regions]
-        told = client.gather([submit(_size_and_owners, ring, owners) for ring in rings])
-        now = sum(client.gather([submit(_num_nodes, region) for region in regions]))
+        told = gathered(client, [submit(_size_and_owners, ring, owners) for ring in rings])
+        now = sum(gathered(client, [submit(_num_nodes, region) for region in regions]))
         more = sum(size for size, _ in told)
         if more == 0 or now + more > (1.0 + MOST_OVERLAP) * own:
             break
