@@ -4,7 +4,7 @@
     python -m benchmarks.distributed rounds --parts 2 4 8 16 32 64
     python -m benchmarks.distributed chunks --nodes 3000000 --edges 30000000 --workers 4 --parts 32
     python -m benchmarks.distributed scheduler    # what a task costs
-    python -m benchmarks.distributed plan --nodes 1e8 --edges 1e10 --parts 256 512 1024 2048
+    python -m benchmarks.distributed plan --nodes 1e8 --edges 1e10 --parts 512 1024 --anywhere 0
 
 Each prints a table. With `--workers 0` there is no Dask, and one process does everything: it takes
 the same rounds, in less time. `chunks` makes the measurements chunk by chunk on the workers, so
