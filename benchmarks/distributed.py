@@ -28,6 +28,7 @@ import rotavg
 from benchmarks.distributed_plan import add_arguments, plan
 from benchmarks.inline_client import InlineClient
 from rotavg.distributed import DistributedSolution, Edges, solve
+from rotavg.distributed.solve import ON_THIS_MACHINE
 
 
 def family(name: str, n: int) -> rotavg.MeasurementGraph:
@@ -52,11 +53,11 @@ def cluster(workers: int) -> tuple[Any, Any]:
     import dask
     from distributed import Client, LocalCluster
 
-    with dask.config.set({"distributed.worker.profile.enabled": False}):
+    with dask.config.set(ON_THIS_MACHINE):
         local = LocalCluster(
             n_workers=workers, threads_per_worker=1, dashboard_address=":0", memory_limit=0
         )
-    return local, Client(local)
+        return local, Client(local)
 
 
 @dataclass(frozen=True)

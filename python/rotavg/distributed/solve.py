@@ -39,6 +39,14 @@ Chunk = Callable[[], Union[MeasurementGraph, Edges]]
 MOST_REWEIGHTINGS = 60
 SETTLED = 1e-5  # of the weights, what the last reweighting changes
 
+ON_THIS_MACHINE = {
+    # Else the profiler looks at every worker a hundred times a second.
+    "distributed.worker.profile.enabled": False,
+    # A process that dies closes its connections; one that is slow to answer is only busy.
+    "distributed.comm.timeouts.tcp": "1 hour",
+    "distributed.comm.timeouts.connect": "10 minutes",
+}
+
 Source = Union[MeasurementGraph, str, Path, Sequence[Chunk]]
 
 
@@ -226,23 +234,19 @@ def _robustly(rounds: Rounds, limits: Limits, seed: int) -> tuple[list[Round], s
 def _cluster(processes: ExitStack) -> Any:
     """A client of processes on this machine, for as long as they are wanted."""
     distributed = require("distributed", "distributed")
-    with _left_to_this_process():
-        # What goes wrong there is told by an error of ours, or mended.
+    config = require("dask", "distributed").config
+    with _left_to_this_process(), config.set(ON_THIS_MACHINE):
         try:
-            # Dask's profiler would look at every worker a hundred times a second.
-            with require("dask", "distributed").config.set(
-                {"distributed.worker.profile.enabled": False}
-            ):
-                local = distributed.LocalCluster(
-                    threads_per_worker=1, dashboard_address=":0", silence_logs=logging.CRITICAL
-                )
+            local = distributed.LocalCluster(
+                threads_per_worker=1, dashboard_address=":0", silence_logs=logging.CRITICAL
+            )
         except RuntimeError as error:
             raise SolverError(
                 f"processes cannot be started here: {error} A program that does so needs "
                 "`if __name__ == '__main__':` around what it does, as they import it"
             ) from error
-    processes.enter_context(local)
-    return processes.enter_context(distributed.Client(local))
+        processes.enter_context(local)
+        return processes.enter_context(distributed.Client(local))
 
 
 @contextmanager
