@@ -1,13 +1,7 @@
-"""A graph in parts: the same optimum, descent, the proof, chunks, lost workers."""
+"""A graph in parts: the same optimum, descent, the proof, chunks; most of it without a cluster."""
 
 from __future__ import annotations
 
-import json
-import os
-import signal
-import subprocess
-import sys
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,14 +10,17 @@ import numpy as np
 import pytest
 
 import rotavg
+from benchmarks.inline_client import InlineClient
 
 distributed = pytest.importorskip("distributed", reason="needs the extra [distributed]")
 pytest.importorskip("pymetis", reason="needs the extra [distributed]")
 
+import rotavg.distributed.coarse as coarse  # noqa: E402
 from rotavg.distributed import solve  # noqa: E402
 from rotavg.distributed.building import build, sent  # noqa: E402
 from rotavg.distributed.chebyshev import Chebyshev  # noqa: E402
 from rotavg.distributed.coarse import Joints, turns  # noqa: E402
+from rotavg.distributed.deadline import Deadline  # noqa: E402
 from rotavg.distributed.local import level, solve_majorised  # noqa: E402
 from rotavg.distributed.operator import apply, make_operator  # noqa: E402
 from rotavg.distributed.proof import _told, prove  # noqa: E402
@@ -33,16 +30,12 @@ pytestmark = pytest.mark.filterwarnings("default")  # Dask's and Tornado's own
 
 
 @pytest.fixture(scope="module")
-def client() -> Iterator[Any]:
-    with distributed.Client(
-        processes=False, n_workers=1, threads_per_worker=2, dashboard_address=":0"
-    ) as one:
-        yield one
+def client() -> InlineClient:
+    return InlineClient()
 
 
-def built(client: Any, graph: rotavg.MeasurementGraph, parts: int) -> tuple[Any, list[Any], int]:
-    chunks, owners = sent(client, graph, parts)
-    return build(client, chunks, parts, owners)
+def built(client: Any, graph: rotavg.MeasurementGraph, parts: int) -> tuple[Any, list[Any]]:
+    return build(client, *sent(client, graph, parts))
 
 
 def random_rotations(rng: np.random.Generator, *shape: int) -> np.ndarray:
@@ -93,14 +86,14 @@ def test_it_is_the_optimum_of_one_process(client: Any, name: str, parts: int) ->
 def test_all_parts_at_once_never_raise_the_objective(client: Any) -> None:
     rng = np.random.default_rng(20210712)
     graph = GRAPHS["dense"]
-    network, _, _ = built(client, graph, 4)
+    network, _ = built(client, graph, 4)
     parts = network.gather(network.parts)
     assert sum(part.num_own for part in parts) == len(graph.nodes)
     assert len({node for part in parts for node in part.nodes[: part.num_own]}) == len(graph.nodes)
     for _ in range(10):
         R = [random_rotations(rng, part.num_own) for part in parts]
         before = sum(x.objective for x in network.gather(network.with_neighbours(level, R)))
-        swept = network.with_neighbours(solve_majorised, R, tolerance=1e-6)
+        swept = network.with_neighbours(solve_majorised, R, tolerance=1e-6, deadline=Deadline())
         after = sum(x.objective for x in network.gather(network.with_neighbours(level, swept)))
         assert after < before
 
@@ -109,7 +102,7 @@ def test_the_levels_of_parts_add_up(client: Any) -> None:
     rng = np.random.default_rng(20210713)
     graph = with_two_components()
     R = random_rotations(rng, len(graph.nodes))
-    network, _, _ = built(client, graph, 3)
+    network, _ = built(client, graph, 3)
     parts = network.gather(network.parts)
     own = [R[np.searchsorted(graph.nodes, part.nodes[: part.num_own])] for part in parts]
     levels = network.gather(network.with_neighbours(level, own))
@@ -152,7 +145,7 @@ def test_the_operator_is_that_of_the_certificate(client: Any) -> None:
     scaled = S.reshape(3 * n, 3 * n) / np.sqrt(np.outer(np.repeat(degree, 3), np.repeat(degree, 3)))
     expected = (scaled @ y.reshape(3 * n, 2)).reshape(n, 3, 2)
 
-    network, _, _ = built(client, graph, 3)
+    network, _ = built(client, graph, 3)
     parts = network.gather(network.parts)
     rows = [np.searchsorted(graph.nodes, part.nodes) for part in parts]
     for part, at in zip(parts, rows):
@@ -175,15 +168,17 @@ def test_a_wound_cycle_is_refuted(client: Any, monkeypatch: pytest.MonkeyPatch) 
     R[:, 0, 0] = R[:, 1, 1] = np.cos(angles)
     R[:, 1, 0], R[:, 0, 1], R[:, 2, 2] = np.sin(angles), -np.sin(angles), 1.0
     assert np.abs(rotavg.gradient(graph, R)).max() < 1e-14  # a critical point all the same
-    network, pieces, num_pieces = built(client, graph, 3)
-    rounds = Rounds(network, pieces, num_pieces)
+    network, pieces = built(client, graph, 3)
+    rounds = Rounds(network, pieces)
     parts = network.gather(network.parts)
     for rotations, verdict, shortfall in (
         (R, "not_certified", "negative"),
         (np.tile(np.eye(3), (n, 1, 1)), "proved", "none"),
     ):
         rounds.reweight(network.parts, [rotations[part.nodes[: part.num_own]] for part in parts])
-        certificate = prove(rounds, 1e-6, 1e-12, 0)
+        component, count = rounds.components()
+        certificate = prove(rounds, component, count, tolerance=1e-6, probability=1e-12, seed=0)
+        assert certificate is not None
         assert certificate.verdict == verdict
         assert certificate.shortfall == shortfall
 
@@ -224,7 +219,7 @@ def test_the_chance_of_a_wrong_proof_is_what_is_stated(client: Any) -> None:
     n = 8
     edges = np.array([(k, (k + 1) % n) for k in range(n)])
     graph = rotavg.MeasurementGraph(edges, np.tile(np.eye(3), (n, 1, 1)))
-    network, _, _ = built(client, graph, 1)
+    network, _ = built(client, graph, 1)
     part = network.parts[0].result()
     angles = 2.0 * np.pi * part.nodes / n
     R = np.tile(np.eye(3), (n, 1, 1))
@@ -276,42 +271,6 @@ def test_robustly(client: Any) -> None:
     assert "outliers" in str(found)
 
 
-def test_a_lost_worker_is_survived() -> None:
-    graph = rotavg.simulate("sphere", 1500, noise=0.1, seed=7).graph
-    killed = []
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-
-        def kill_one(round: Any) -> None:
-            if round.number == 3:
-                victim = next(iter(client.run(os.getpid).values()))
-                os.kill(victim, signal.SIGKILL)
-                killed.append(victim)
-
-        found = solve(graph, client=client, parts=4, callback=kill_one, tolerance=1e-6)
-    assert len(killed) == 1
-    assert found.converged
-    assert found.certificate is not None
-    assert found.certificate.verdict == "proved"
-    assert found.objective == pytest.approx(rotavg.solve(graph).objective, rel=1e-9)
-
-
-def test_limits_and_callbacks(client: Any) -> None:
-    graph = GRAPHS["sphere"]
-    few = solve(graph, client=client, parts=3, max_rounds=1, certify=False)
-    assert not few.converged
-    assert few.reason == "the limit of 1 rounds"
-    assert few.certificate is None
-    stopped = solve(graph, client=client, parts=3, callback=lambda r: r.number < 2, certify=False)
-    assert (stopped.reason, len(stopped.rounds)) == ("stopped", 3)
-    late = solve(graph, client=client, parts=3, time_limit=0.0, certify=False)
-    assert late.reason == "the time limit of 0.0 s"
-
-
 def test_what_cannot_be_solved_is_told(client: Any, tmp_path: Path) -> None:
     named = rotavg.MeasurementGraph([("a", "b")], np.eye(3)[None])
     with pytest.raises(rotavg.GraphError, match="integer node ids, and these are names"):
@@ -327,27 +286,126 @@ def test_what_cannot_be_solved_is_told(client: Any, tmp_path: Path) -> None:
         solve(tmp_path, client=client)
 
 
-def test_the_command_takes_a_folder(tmp_path: Path) -> None:
-    graph = GRAPHS["dense"]
-    (tmp_path / "edges").mkdir()
-    for k, rows in enumerate(np.array_split(np.arange(len(graph.edges)), 3)):
-        piece = rotavg.MeasurementGraph(graph.edges[rows], graph.rotations[rows])
-        rotavg.write(tmp_path / "edges" / f"{k}.txt", piece)
-    command = [sys.executable, "-m", "rotavg", "solve", "edges", "--distributed"]
-    run = partial(subprocess.run, capture_output=True, text=True, check=False, cwd=tmp_path)
-    done = run([*command, "--parts", "2", "-o", "out", "--json"])
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["objective"] == pytest.approx(rotavg.solve(graph).objective, rel=1e-9)
-    assert told["certificate"]["verdict"] == "proved"
-    assert len(list((tmp_path / "out").iterdir())) == 2
-    for option, message in (
-        ("--anisotropic", "--anisotropic is not possible with --distributed"),
-        ("--scheduler=tcp://127.0.0.1:9", "no scheduler answers at"),
+def with_nodes_alone() -> rotavg.MeasurementGraph:
+    graph = with_two_components()
+    nodes = np.concatenate([[-5], graph.nodes, [5000, 5001]])
+    return rotavg.MeasurementGraph(graph.edges, graph.rotations, graph.weights, nodes=nodes)
+
+
+@pytest.mark.parametrize("chunked", [False, True])
+def test_nodes_without_an_edge_stay(
+    client: Any, monkeypatch: pytest.MonkeyPatch, chunked: bool
+) -> None:
+    monkeypatch.setattr("rotavg.distributed.proof.FEW_PRODUCTS", 5000)
+    graph = with_nodes_alone()
+    source: Any = graph
+    if chunked:
+        half = len(graph.edges) // 2
+        ends, R, w = graph.edges, graph.rotations, graph.weights
+        alone = np.array([-5, 5000, 5001])
+        source = [
+            lambda: rotavg.distributed.Edges(ends[:half, 0], ends[:half, 1], R[:half], w[:half]),
+            lambda: rotavg.MeasurementGraph(ends[half:], R[half:], w[half:]),
+            lambda: rotavg.distributed.Edges(
+                *(np.zeros(0, np.int64),) * 2, np.zeros((0, 3, 3)), np.zeros(0), alone
+            ),
+        ]
+    found = solve(source, client=client, parts=3, tolerance=1e-9)
+    expected = rotavg.solve(graph, tolerance=1e-11)
+    assert found.solved
+    assert found.num_nodes == len(graph.nodes)
+    nodes, R = found.gather()
+    assert np.array_equal(nodes, np.sort(graph.nodes))
+    # The first of each component is I, as in one process; so are those without an edge.
+    assert np.abs(R - expected.rotations).max() < 1e-6
+    assert np.array_equal(R[[0, -2, -1]], np.tile(np.eye(3), (3, 1, 1)))
+    assert found.certificate is not None
+    assert len(found.certificate.components) == 2
+
+
+@pytest.mark.parametrize("loss", ["l2", "auto"])
+@pytest.mark.parametrize("parts", [4, 5, 300])
+def test_there_may_be_more_parts_than_nodes(client: Any, parts: int, loss: Any) -> None:
+    rng = np.random.default_rng(20210716)
+    truth = random_rotations(rng, 4)
+    edges = [(0, 1), (1, 2), (2, 3), (3, 0)]
+    measured = [truth[i].T @ truth[j] for i, j in edges]
+    graph = rotavg.MeasurementGraph(edges, measured)
+    found = solve(graph, client=client, parts=parts, loss=loss)
+    assert found.solved
+    assert found.num_parts <= 4
+    assert found.objective < 1e-20
+
+
+def test_few_chunks_are_divided(client: Any) -> None:
+    graph = GRAPHS["sphere"]
+    first = graph.edges[:, 0] < 150
+    source = [
+        lambda rows=rows: rotavg.MeasurementGraph(graph.edges[rows], graph.rotations[rows])
+        for rows in (first, ~first)
+    ]
+    found = solve(source, client=client, parts=6, tolerance=1e-7, certify=False)
+    assert found.num_parts == 6
+    assert found.objective == pytest.approx(rotavg.solve(graph).objective, rel=1e-9)
+    largest = max(part.num_own for part in client.gather(found.network.parts))
+    assert largest < 2 * len(graph.nodes) / 6
+
+
+def test_aggregates_save_rounds(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    graph = rotavg.simulate("sphere", 3000, noise=0.05, seed=10).graph
+    expected = rotavg.solve(graph, tolerance=1e-11).objective
+    rounds = {}
+    for counts in ((), coarse.AGGREGATES):
+        monkeypatch.setattr(coarse, "AGGREGATES", counts)
+        found = solve(graph, client=client, parts=8, tolerance=1e-8, certify=False)
+        assert found.objective == pytest.approx(expected, rel=1e-9)
+        rounds[bool(counts)] = found.rounds[-1].number
+    assert rounds[True] <= 0.7 * rounds[False]
+
+
+def test_where_all_aggregates_meet_there_are_none(client: Any) -> None:
+    graph = rotavg.simulate("erdos_renyi", 400, noise=0.1, density=0.1, seed=11).graph
+    network, pieces = built(client, graph, 2)
+    for part, piece in zip(client.gather(network.parts), client.gather(pieces)):
+        assert np.array_equal(coarse.aggregates(part, piece), piece)
+    network, pieces = built(client, GRAPHS["sphere"], 2)
+    for part, piece in zip(client.gather(network.parts), client.gather(pieces)):
+        label = coarse.aggregates(part, piece)
+        assert label.max() >= 7  # 150 nodes, of which 8 may be an aggregate
+        assert np.array_equal(np.unique(label), np.arange(label.max() + 1))
+        assert all(len(np.unique(piece[label == k])) == 1 for k in range(label.max() + 1))
+
+
+def test_what_a_source_does_wrong_is_told(client: Any, tmp_path: Path) -> None:
+    good = GRAPHS["one edge"]
+    Edges = rotavg.distributed.Edges
+    one, R = np.array([1]), np.eye(3)[None]
+
+    def broken() -> Edges:
+        raise KeyError("tile 7")
+
+    for source, error, message in (
+        (broken, rotavg.SolverError, r"source 1, broken: KeyError: 'tile 7'"),
+        (partial(int, "x"), rotavg.SolverError, r"source 1, int: ValueError: invalid literal"),
+        (lambda: 3, rotavg.GraphError, r"source 1, .*found a int, expected a MeasurementGraph"),
+        (lambda: Edges(one, one, R, np.ones(1)), rotavg.GraphError, r"source 1.*to itself"),
+        (lambda: Edges(one, one + 1, 2 * R, np.ones(1)), rotavg.GraphError, "source 1.*edge"),
+        (lambda: Edges(one, one + 1, R, -np.ones(1)), rotavg.GraphError, "source 1.*weight"),
+        ("no function", rotavg.GraphError, "source 1 is a str, expected a function"),
     ):
-        done = run([*command, option])
-        assert done.returncode == 2
-        assert message in done.stderr
-        assert "Traceback" not in done.stderr
-    done = run([*command[:-1], "--parts", "2"])
-    assert "--parts is for --distributed, which is not given" in done.stderr
+        with pytest.raises(error, match=message):
+            solve([lambda: good, source], client=client)  # type: ignore[list-item]
+    nothing = Edges(one[:0], one[:0], R[:0], np.ones(0))
+    assert solve([lambda: good, lambda: nothing], client=client).num_edges == 1
+    with pytest.raises(rotavg.GraphError, match="nothing to solve"):
+        solve([lambda: nothing], client=client)
+    with pytest.raises(rotavg.GraphError, match="nothing to solve"):
+        solve([], client=client)
+    rotavg.write(tmp_path / "good.txt", good)
+    (tmp_path / ".hidden").write_text("no edges")
+    assert solve(tmp_path, client=client).num_edges == 1
+    (tmp_path / "empty.txt").touch()
+    with pytest.raises(rotavg.FormatError, match=r"empty\.txt: the file is empty"):
+        solve(tmp_path, client=client)
+    with pytest.raises(rotavg.FormatError, match="nowhere: is no folder"):
+        solve(tmp_path / "nowhere", client=client)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Callable, TypeVar
@@ -14,7 +14,7 @@ import rotavg
 from rotavg.base.errors import require
 from rotavg.cli.output import print_json, print_text
 from rotavg.cli.progress import NowAndThen
-from rotavg.distributed import DistributedSolution, Round, solve
+from rotavg.distributed import DistributedSolution, Interrupted, Round, solve
 from rotavg.io.atomic import make_folder
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -100,18 +100,23 @@ def solve_in_parts(
                 f"round {r.number}, objective {r.objective:.9g}, "
                 f"relative gradient {r.relative_gradient:.1e}"
             )
+            if r.relative_gradient <= known["tolerance"] and not no_certify:
+                told.text += ", certifying"
 
-        with (
-            _client(scheduler) as client,
-            solve(
-                source,
-                client=client,
-                parts=parts,
-                certify=not no_certify,
-                callback=tell,
-                **known,
-            ) as solution,
-        ):
+        interrupted = False
+        with _client(scheduler) as client, ExitStack() as processes:
+            try:
+                solution = solve(
+                    source,
+                    client=client,
+                    parts=parts,
+                    certify=not no_certify,
+                    callback=tell,
+                    **known,
+                )
+            except Interrupted as stop:  # while certifying: what has converged is kept
+                solution, interrupted = stop.solution, True
+            processes.enter_context(solution)
             if output is not None:
                 solution.write(output)
             if as_json:
@@ -120,6 +125,8 @@ def solve_in_parts(
                 print_text(str(solution))
                 if output is not None:
                     click.echo(f"wrote {output}", err=True)
+    if interrupted:
+        raise KeyboardInterrupt
     return 0 if solution.solved else 1
 
 

@@ -2,7 +2,7 @@
 
 from rotavg.distributed.edges import Edges
 from rotavg.distributed.rounds import Round
-from rotavg.distributed.solution import DistributedSolution
+from rotavg.distributed.solution import DistributedSolution, Interrupted
 from rotavg.distributed.solve import solve
 
-__all__ = ["DistributedSolution", "Edges", "Round", "solve"]
+__all__ = ["DistributedSolution", "Edges", "Interrupted", "Round", "solve"]

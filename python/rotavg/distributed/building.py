@@ -1,14 +1,14 @@
 """From measurements in chunks to parts on workers; no process ever holds all of them.
 
 A chunk is a file, or what one call of a reader gives. A node's home is the chunk that has most of
-its edges, and chunks are grouped to parts by METIS on the graph of chunks. The nodes of a graph in
-memory are divided by METIS themselves.
+its edges; chunks are grouped to parts by METIS on the graph of chunks, or divided where there are
+fewer of them. The nodes of a graph in memory are divided by METIS themselves.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,11 +18,21 @@ from numpy.typing import NDArray
 from rotavg.base.errors import GraphError
 from rotavg.distributed.coarse import pieces
 from rotavg.distributed.edges import Edges
-from rotavg.distributed.network import Network
-from rotavg.distributed.owners import Owners, by_chunks, crossings, ends_of, homes
+from rotavg.distributed.network import Network, gathered
+from rotavg.distributed.owners import (
+    Owners,
+    by_chunks,
+    by_shares,
+    crossings,
+    divided,
+    ends_of,
+    homes,
+    shares,
+)
 from rotavg.distributed.part import Part, make_part, wired
 from rotavg.graph.measurement_graph import MeasurementGraph
 
+NOTHING = "there is nothing to solve: no edge was given"
 MOST_LAYERS = 8  # of overlap
 MOST_OVERLAP = 0.25  # of the own nodes
 
@@ -50,8 +60,8 @@ class Region:
         return np.setdiff1d(self.edges.nodes(), self.nodes)
 
 
-def sent(client: Any, graph: MeasurementGraph, num_parts: int) -> tuple[list[Any], Any]:
-    """A graph that is here, on its way to workers: chunks, and who owns what.
+def sent(client: Any, graph: MeasurementGraph, num_parts: int) -> tuple[Iterator[Any], int, Any]:
+    """A graph that is here, on its way to workers: chunks, how many parts, and who owns what.
 
     Data that were scattered are lost with the worker that has them; so they go as arguments of
     tasks, which the scheduler keeps.
@@ -65,73 +75,79 @@ def sent(client: Any, graph: MeasurementGraph, num_parts: int) -> tuple[list[Any
             client.submit(_as_it_is, edges.take(part == p), pure=False)
             for p in range(owners.num_parts)
         ]
-        return chunks, client.submit(_as_it_is, owners, pure=False)
+        return iter(chunks), owners.num_parts, client.submit(_as_it_is, owners, pure=False)
 
 
 def build(
-    client: Any, chunks: Sequence[Any], num_parts: int, owners: Any = None
-) -> tuple[Network, list[Any], int]:
-    """The parts on the workers.
+    client: Any, chunks: Iterable[Any], num_parts: int, owners: Any = None
+) -> tuple[Network, list[Any]]:
+    """The parts on the workers, which forget the chunks as soon as they can.
 
     Args:
         client: of the cluster.
-        chunks: futures of `Edges`.
-        num_parts: how many; fewer where there are fewer chunks.
+        chunks: futures of `Edges`; for them to be forgotten, nobody else may hold them.
+        num_parts: how many.
         owners: a future of `Owners`; by default found by the chunks.
 
     Returns:
-        the network; the pieces (num_own,) of every part, futures, numbered over all parts; and how
-        many pieces there are.
+        the network, and the pieces (num_own,) of every part, futures.
 
     Raises:
         GraphError: there is no edge at all.
     """
 
-    def submit(function: Any, *arguments: Any) -> Any:
-        return client.submit(function, *arguments, pure=False)
+    def submit(function: Any, *arguments: Any, **options: Any) -> Any:
+        return client.submit(function, *arguments, pure=False, **options)
 
+    held = list(chunks)
+    del chunks
+    if not held:
+        raise GraphError(NOTHING)
     if owners is None:
-        owners = _owners(submit, chunks, num_parts)
-    count = submit(_num_parts, owners).result()
-    if count == 0:
-        raise GraphError("the chunks hold no edge")
-    split = [submit(_split, chunk, owners) for chunk in chunks]
-    regions = [
-        submit(_region, p, owners, [submit(_item, pieces_, p) for pieces_ in split])
-        for p in range(count)
-    ]
-    del split
+        owners = _owners(client, submit, held, num_parts)
+    (count,) = gathered(client, [submit(_num_parts, owners)])
+    told = gathered(client, [submit(_present, chunk, owners) for chunk in held])
+    if not any(told):
+        raise GraphError(NOTHING)
+    pieces_of: list[list[Any]] = [[] for _ in range(count)]
+    for k, present in enumerate(told):
+        split = submit(_split, held[k], owners, present)
+        for at, p in enumerate(present):
+            pieces_of[p].append(submit(_item, split, at, priority=1))
+    # What makes room comes first.
+    regions = [submit(_region, p, owners, pieces_of[p], priority=1) for p in range(count)]
+    del held, split, pieces_of
     regions = _grown(client, submit, regions, owners)
     parts = [submit(_part, region) for region in regions]
+    del regions
     asks = [submit(_asks, part, owners) for part in parts]
-    asked = client.gather([submit(sorted, ask) for ask in asks])
-    parts = [
-        submit(
-            _wired, part, owners, [submit(_item, asks[q], p) for q in range(count) if p in asked[q]]
-        )
-        for p, part in enumerate(parts)
-    ]
+    asked = gathered(client, [submit(sorted, ask) for ask in asks])
+    askers: list[list[Any]] = [[] for _ in parts]
+    for q, whom in enumerate(asked):
+        for p in whom:
+            askers[p].append(submit(_item, asks[q], p))
+    parts = [submit(_wired, part, owners, askers[p]) for p, part in enumerate(parts)]
     network = Network(client, parts, asked)
-    alone = network.each(pieces)
-    sizes = client.gather([submit(_count, piece) for piece in alone])
-    first = np.cumsum([0, *sizes])
-    numbered = [submit(np.add, piece, int(first[p])) for p, piece in enumerate(alone)]
-    return network, numbered, int(first[-1])
+    return network, network.each(pieces)
 
 
-def _owners(submit: Any, chunks: Sequence[Any], num_parts: int) -> Any:
+def _owners(client: Any, submit: Any, chunks: Sequence[Any], num_parts: int) -> Any:
     home = submit(homes, [submit(ends_of, chunk) for chunk in chunks])
-    crossing = submit(_sum, [submit(crossings, chunk, home, len(chunks)) for chunk in chunks])
+    if len(chunks) < num_parts:
+        share = submit(shares, home, len(chunks), num_parts)
+        labels = [submit(divided, chunk, k, home, share) for k, chunk in enumerate(chunks)]
+        return submit(by_shares, home, share, labels)
+    crossing = [submit(crossings, chunk, home, len(chunks)) for chunk in chunks]
     return submit(by_chunks, home, crossing, num_parts)
 
 
 def _grown(client: Any, submit: Any, regions: list[Any], owners: Any) -> list[Any]:
     """With as many layers of overlap as are worth their room: they save rounds."""
-    own = sum(client.gather([submit(_num_nodes, region) for region in regions]))
+    own = sum(gathered(client, [submit(_num_nodes, region) for region in regions]))
     for _ in range(MOST_LAYERS):
         rings = [submit(_ring, region) for region in regions]
-        told = client.gather([submit(_size_and_owners, ring, owners) for ring in rings])
-        now = sum(client.gather([submit(_num_nodes, region) for region in regions]))
+        told = gathered(client, [submit(_size_and_owners, ring, owners) for ring in rings])
+        now = sum(gathered(client, [submit(_num_nodes, region) for region in regions]))
         more = sum(size for size, _ in told)
         if more == 0 or now + more > (1.0 + MOST_OVERLAP) * own:
             break
@@ -159,23 +175,20 @@ def _item(container: Any, key: int) -> Any:
     return container[key]
 
 
-def _sum(arrays: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    total: NDArray[np.float64] = np.sum(arrays, axis=0)
-    return total
-
-
-def _count(piece: NDArray[np.int64]) -> int:
-    return int(piece.max(initial=-1)) + 1
-
-
 def _num_nodes(region: Region) -> int:
     return len(region.nodes)
 
 
-def _split(chunk: Edges, owners: Owners) -> list[Edges]:
-    """The edges of every part; those between two parts go to both."""
+def _present(chunk: Edges, owners: Owners) -> list[int]:
+    """The parts that have an edge of the chunk."""
+    found: list[int] = np.union1d(owners[chunk.i], owners[chunk.j]).tolist()
+    return found
+
+
+def _split(chunk: Edges, owners: Owners, present: list[int]) -> list[Edges]:
+    """The edges of each of these parts; those between two parts go to both."""
     i, j = owners[chunk.i], owners[chunk.j]
-    return [chunk.take((i == p) | (j == p)) for p in range(owners.num_parts)]
+    return [chunk.take((i == p) | (j == p)) for p in present]
 
 
 def _region(number: int, owners: Owners, chunks: list[Edges]) -> Region:

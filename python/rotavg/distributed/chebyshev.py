@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotavg.distributed.deadline import NEVER, Deadline
 from rotavg.distributed.network import Network
 from rotavg.distributed.operator import (
     UNIT_ROUNDOFF,
@@ -37,10 +38,12 @@ class Outcome:
         cut: M is at least this on the complement of its null vectors; 0 where nothing was proved.
         quotient: otherwise the least Rayleigh quotient of where the iteration led; NaN if it was
             not begun, as too long.
+        late: whether the deadline passed before it could tell.
     """
 
     cut: float = 0.0
     quotient: float = math.nan
+    late: bool = False
 
     def is_negative(self, proof: Chebyshev) -> bool:
         """Whether R is refuted."""
@@ -59,8 +62,8 @@ class Told:
         degrees: (components,) sums of the degrees.
         leftover, leftover_rounding: (components,) sums, see `Operator`.
         rounding: of a product with M, for a vector of length one.
-        num_nodes, num_edges: of the graph.
-        least_degree: of a node.
+        num_nodes: those with an edge.
+        least_degree: of a node with an edge.
     """
 
     degrees: NDArray[np.float64]
@@ -68,7 +71,6 @@ class Told:
     leftover_rounding: NDArray[np.float64]
     rounding: float
     num_nodes: int
-    num_edges: int
     least_degree: float
 
     @staticmethod
@@ -81,7 +83,6 @@ class Told:
             # Every row is in one part, and the norms of its pieces add up as squares do.
             math.sqrt(sum(part.rounding**2 for part in parts)),
             sum(part.num_nodes for part in parts),
-            sum(part.num_edges for part in parts),
             min(part.least_degree for part in parts),
         )
 
@@ -93,12 +94,19 @@ class Chebyshev:
         network: the parts.
         operators: of every part, futures.
         told: of them all.
-        num_components: of the graph.
+        num_components: of the graph, with an edge.
+        deadline: after which nothing more is tried.
     """
 
     def __init__(
-        self, network: Network, operators: Sequence[Any], told: Told, num_components: int
+        self,
+        network: Network,
+        operators: Sequence[Any],
+        told: Told,
+        num_components: int,
+        deadline: Deadline = NEVER,
     ) -> None:
+        self.deadline = deadline
         self.network, self.operators = network, list(operators)
         self.component_degrees = told.degrees
         self.dimension = 3 * (told.num_nodes - num_components)
@@ -117,6 +125,8 @@ class Chebyshev:
         for _ in range(TRIES):
             theta = outcome.quotient
             outcome = self.run(theta, probability, seed, max_products)
+            if outcome.late:
+                return outcome
             if outcome.cut > 0 or not 8.0 * SMALLEST_CUT < outcome.quotient < theta:
                 break
         begun = outcome.cut > 0 or not math.isnan(outcome.quotient)
@@ -142,27 +152,26 @@ class Chebyshev:
         k, longest = 1, 1.0
         while k <= steps:
             told = [lengths]
-            vectors = [previous, y]
-            for _ in range(BATCH - 1):
-                y_next, lengths = self._step(vectors[-1], vectors[-2], 2.0 * scale, 2.0 * shift)
-                vectors.append(y_next)
+            for _ in range(BATCH):
+                following, lengths = self._step(y, previous, 2.0 * scale, 2.0 * shift)
+                previous, y = y, following
                 told.append(lengths)
-            for length in self.network.client.gather(told):
+            told.pop()  # the next batch begins with it
+            if not self.network.done(told, self.deadline):
+                return Outcome(late=True)
+            for length in self.network.gather(told):
                 longest = max(longest, length)
                 if not length < 1e3:
-                    return Outcome(quotient=self._quotient(vectors[-1]))
+                    return Outcome(quotient=self._quotient(previous))
                 if (1.0 + 1e-9) * length < math.cosh(k * eta) * (t - r):
                     return Outcome(cut=cut)
                 r += self.error * longest * math.exp(-k * eta) / math.sinh(eta)
                 k += 1
-            previous, y = vectors[-2], vectors[-1]
-            y, lengths = self._step(y, previous, 2.0 * scale, 2.0 * shift)
-            previous = vectors[-1]
         return Outcome(quotient=self._quotient(y))
 
     def _start(self, seed: int) -> list[Any]:
         """Uniform on the unit sphere of the complement."""
-        drawn = self._projected(self.network.each(_drawn, seed=seed))
+        drawn = self._projected(self.network.each(_drawn, self.operators, seed=seed))
         squares = sum(self.network.gather(self.network.each(_squares, drawn)), np.zeros(COLUMNS))
         return self.network.each(_scaled, drawn, by=1.0 / np.sqrt(squares))
 
@@ -194,8 +203,11 @@ class Chebyshev:
         return float(np.min(total[0] / total[1]))
 
 
-def _drawn(part: Part, seed: int) -> NDArray[np.float64]:
-    return np.random.default_rng([seed, part.number]).normal(size=(part.num_own, 3, COLUMNS))
+def _drawn(part: Part, operator: Operator, seed: int) -> NDArray[np.float64]:
+    """Normal; 0 where a node has no edge."""
+    y = np.random.default_rng([seed, part.number]).normal(size=(part.num_own, 3, COLUMNS))
+    y[operator.degree == 0] = 0.0
+    return y
 
 
 def _scaled(part: Part, y: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,8 +1,9 @@
 """One rotation for each piece of a part: the small problem that joins the parts.
 
-A piece is what hangs together inside a part. Where piece p is turned as a whole, R_i <- Q_p R_i, an
-edge between pieces p and q costs w |Q_p (R_i R_ij R_j^T) - Q_q|^2: a rotation averaging problem in
-the Q, in which all edges of a pair add up to tr(Q_p N_pq Q_q^T) with N_pq = sum w R_i R_ij R_j^T.
+At first a piece is what hangs together inside a part; in the rounds it is an aggregate of nodes,
+which is smaller. Where piece p is turned as a whole, R_i <- Q_p R_i, an edge between pieces p and q
+costs w |Q_p (R_i R_ij R_j^T) - Q_q|^2: a rotation averaging problem in the Q, in which all edges of
+a pair add up to tr(Q_p N_pq Q_q^T) with N_pq = sum w R_i R_ij R_j^T.
 """
 
 from __future__ import annotations
@@ -12,9 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotavg.distributed.owners import partition
 from rotavg.distributed.part import Part, Rotations
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving.solve import solve
+
+AGGREGATES = (128, 64, 32, 16, 8)  # of a part
+MOST_AGGREGATES = 1 << 16  # of all parts: one process holds their small problem
+LEAST_AGGREGATE = 8  # nodes
+MOST_PAIRS = 8  # of aggregates with edges between them, for each
 
 
 def pieces(part: Part) -> NDArray[np.int64]:
@@ -28,6 +35,31 @@ def pieces(part: Part) -> NDArray[np.int64]:
     adjacency = coo_array((np.ones(len(i)), (i, j)), shape=(n, n))
     _, label = connected_components(adjacency, directed=False)
     return label.astype(np.int64)
+
+
+def aggregates(
+    part: Part, piece: NDArray[np.int64], most: int = MOST_AGGREGATES
+) -> NDArray[np.int64]:
+    """(num_own,) pieces divided further, by METIS, numbered from 0.
+
+    The more there are, the fewer rounds. But where each has edges to most of the others, as on
+    expanders, the small problem would be as large as the graph, and is of no use: then fewer. There
+    are `most` at most.
+    """
+    n = part.num_own
+    inner = (part.edges.i < n) & (part.edges.j < n)
+    i, j = part.edges.i[inner], part.edges.j[inner]
+    for count in AGGREGATES:
+        if count > most or n < LEAST_AGGREGATE * count:
+            continue
+        label = partition(n, i, j, np.ones(len(i)), count)
+        between = label[i] != label[j]
+        a, b = label[i[between]].astype(np.int64), label[j[between]].astype(np.int64)
+        pairs = len(np.unique(np.minimum(a, b) * count + np.maximum(a, b)))
+        if pairs <= min(MOST_PAIRS, 0.25 * (count - 1)) * count:
+            _, both = np.unique(np.stack([piece, label]), axis=1, return_inverse=True)
+            return both.reshape(-1).astype(np.int64)
+    return piece
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,16 +20,22 @@ class Edges:
         i, j: (m,) int64 ids of the two ends.
         rotations: (m, 3, 3) i_from_j.
         weights: (m,).
+        alone: (k,) ids of nodes that are listed, whether they have an edge or not.
     """
 
     i: NDArray[np.int64]
     j: NDArray[np.int64]
     rotations: NDArray[np.float64]
     weights: NDArray[np.float64]
+    alone: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @staticmethod
     def of(graph: MeasurementGraph) -> Edges:
         """Those of a graph."""
+        if not isinstance(graph, MeasurementGraph):
+            raise GraphError(
+                f"found a {type(graph).__name__}, expected a MeasurementGraph or Edges"
+            )
         if graph.nodes.dtype.kind not in "iu":
             raise GraphError("a distributed solve takes integer node ids, and these are names")
         return Edges(
@@ -37,11 +43,23 @@ class Edges:
             graph.edges[:, 1].astype(np.int64),
             np.asarray(graph.rotations),
             np.asarray(graph.weights),
+            np.setdiff1d(graph.nodes, graph.edges).astype(np.int64),
         )
+
+    def checked(self) -> Edges:
+        """Under the rules of `MeasurementGraph`, but that there may be none.
+
+        Raises GraphError if these are broken.
+        """
+        alone = np.asarray(self.alone, np.int64)
+        if np.size(self.i) == 0:
+            return replace(Edges.concatenated([]), alone=alone)
+        ends = np.stack([self.i, self.j], axis=1)
+        return replace(Edges.of(MeasurementGraph(ends, self.rotations, self.weights)), alone=alone)
 
     @staticmethod
     def concatenated(pieces: Iterable[Edges]) -> Edges:
-        """All of them, in order."""
+        """All of them, in order; nodes without an edge are left out."""
         pieces = list(pieces)
         if not pieces:
             return Edges(
@@ -58,9 +76,9 @@ class Edges:
         return len(self.i)
 
     def take(self, rows: NDArray[np.generic] | slice) -> Edges:
-        """Those of a mask, of row numbers or of a slice."""
+        """Those of a mask, of row numbers or of a slice; no nodes without an edge."""
         return Edges(self.i[rows], self.j[rows], self.rotations[rows], self.weights[rows])
 
     def nodes(self) -> NDArray[np.int64]:
         """The ids that occur, rising."""
-        return np.unique(np.concatenate([self.i, self.j]))
+        return np.unique(np.concatenate([self.i, self.j, self.alone]))

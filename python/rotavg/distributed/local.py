@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotavg import _core
+from rotavg.distributed.deadline import Deadline
 from rotavg.distributed.part import Part, Rotations
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving.solve import solve
@@ -38,13 +40,13 @@ def level(part: Part, R: Rotations) -> Level:
     """At rotations of all nodes of the part."""
     total, g = 0.0, np.zeros((part.num_own, 3))
     for edges, counted in part.blocks():
-        G = R[edges.i] @ edges.rotations @ R[edges.j].transpose(0, 2, 1)
-        # |R_i R_ij - R_j|^2 = |G - I|^2: no small difference of large numbers
-        squares = ((G - np.eye(3)) ** 2).sum(axis=(1, 2))
-        total += float(edges.weights[counted] @ squares[counted])
-        slope = 2.0 * edges.weights[:, None] * vee_difference(G)
-        add_at(g, edges.i, slope)
-        add_at(g, edges.j, -slope)
+        for mine, some in ((True, edges.take(counted)), (False, edges.take(~counted))):
+            if len(some) == 0:
+                continue
+            rows = np.stack([some.i, some.j], axis=1).astype(np.int32)
+            graph = _core.MeasurementGraph(len(R), rows, some.rotations, some.weights)
+            g += _core.gradient(graph, R)[: part.num_own]
+            total += _core.objective(graph, R) if mine else 0.0
     norms = np.linalg.norm(g, axis=1)
     relative = np.divide(norms, part.degree, out=np.zeros_like(norms), where=part.degree > 0)
     return Level(total, float(norms @ norms), float(relative.max(initial=0.0)))
@@ -65,7 +67,7 @@ def add_at(sums: NDArray[np.float64], rows: NDArray[np.int64], values: NDArray[n
         flat[:, c] += np.bincount(rows, added[:, c], minlength=n)[:n]
 
 
-def solve_region(part: Part, R: Rotations, tolerance: float) -> Rotations:
+def solve_region(part: Part, R: Rotations, tolerance: float, deadline: Deadline) -> Rotations:
     """The own nodes of a solution of the region, with the halo held (restricted additive Schwarz).
 
     The held nodes are one: the world. With R_w = I, an edge R_i R_ij ~ R_j to a held R_j is one of
@@ -75,6 +77,7 @@ def solve_region(part: Part, R: Rotations, tolerance: float) -> Rotations:
         part: the part.
         R: (n, 3, 3) of all its nodes; the region's to start from.
         tolerance: of the relative gradient, radians.
+        deadline: after which what has been reached is returned.
     """
     i, j = part.edges.i, part.edges.j
     world = part.num_region
@@ -83,10 +86,11 @@ def solve_region(part: Part, R: Rotations, tolerance: float) -> Rotations:
     rotations[~inside_j] = rotations[~inside_j] @ R[j[~inside_j]].transpose(0, 2, 1)
     rotations[~inside_i] = R[i[~inside_i]] @ rotations[~inside_i]
     ends = np.stack([np.where(inside_i, i, world), np.where(inside_j, j, world)], axis=1)
-    return _solved(ends, rotations, part.edges.weights, R[:world], tolerance)[: part.num_own]
+    weights = part.edges.weights
+    return _solved(ends, rotations, weights, R[:world], tolerance, deadline)[: part.num_own]
 
 
-def solve_majorised(part: Part, R: Rotations, tolerance: float) -> Rotations:
+def solve_majorised(part: Part, R: Rotations, tolerance: float, deadline: Deadline) -> Rotations:
     """The own nodes of a solution that never makes the whole objective larger, whatever the other
     parts do at the same time.
 
@@ -117,6 +121,7 @@ def solve_majorised(part: Part, R: Rotations, tolerance: float) -> Rotations:
         np.concatenate([weights, stay[at]]),
         R[:world],
         tolerance,
+        deadline,
     )
 
 
@@ -126,12 +131,23 @@ def _solved(
     weights: NDArray[np.float64],
     start: Rotations,
     tolerance: float,
+    deadline: Deadline,
 ) -> Rotations:
     """Rotations of all nodes but the last, the world, which stays at I."""
+    if len(ends) == 0:
+        return start
     world = len(start)
     graph = MeasurementGraph(ends, rotations, weights, nodes=np.arange(world + 1))
     init = np.concatenate([start, np.eye(3)[None]])
-    R = solve(graph, init=init, tolerance=tolerance, certify=False, num_threads=1).rotations
+    solution = solve(
+        graph,
+        init=init,
+        tolerance=tolerance,
+        certify=False,
+        num_threads=1,
+        time_limit=deadline.left(),
+    )
+    R = solution.rotations
     result: Rotations = R[world].T @ R[:world]
     return result
 
@@ -150,9 +166,12 @@ def inner_graph(part: Part) -> MeasurementGraph | None:
     )
 
 
-def solve_alone(part: Part) -> Rotations:
+def solve_alone(part: Part, deadline: Deadline) -> Rotations:
     """The own nodes by the edges between them; each piece in a gauge of its own."""
     graph = inner_graph(part)
     if graph is None:
         return np.tile(np.eye(3), (part.num_own, 1, 1))
-    return np.asarray(solve(graph, certify=False, num_threads=1, tolerance=1e-4).rotations)
+    solution = solve(
+        graph, certify=False, num_threads=1, tolerance=1e-4, time_limit=deadline.left()
+    )
+    return np.asarray(solution.rotations)

@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Callable
 
-from rotavg.distributed.part import Part, Rotations, boundary_of, with_others
+from rotavg.base.errors import require
+from rotavg.distributed.deadline import NEVER, Deadline
+from rotavg.distributed.interruption import check
+from rotavg.distributed.part import Part, Rotations, boundary_of, with_others, without_edges
+
+LONGEST = 0.5  # seconds, until Ctrl-C is heeded
 
 
 class Network:
@@ -61,10 +66,43 @@ class Network:
             for p, part in enumerate(self.parts)
         ]
 
+    def forget_edges(self) -> None:
+        """Keep of the parts only who they are and whom they tell what."""
+        self.parts = self.each(without_edges)
+
+    def done(self, futures: Sequence[Any], deadline: Deadline) -> bool:
+        """Whether these are done before the deadline; waits for either."""
+        return waited(futures, deadline)
+
     def gather(self, futures: Sequence[Any]) -> list[Any]:
         """Their results, here."""
-        results: list[Any] = self.client.gather(list(futures))
-        return results
+        return gathered(self.client, futures)
+
+
+def gathered(client: Any, futures: Sequence[Any]) -> list[Any]:
+    """The results of futures, here."""
+    waited(futures, NEVER)
+    results: list[Any] = client.gather(list(futures))
+    return results
+
+
+def waited(futures: Sequence[Any], deadline: Deadline) -> bool:
+    """Whether futures are done before the deadline; waits for either, or for Ctrl-C."""
+    distributed = require("distributed", "distributed")
+    check()
+    if not all(isinstance(future, distributed.Future) for future in futures):
+        return True
+    while True:
+        left = deadline.left()
+        try:
+            distributed.wait(list(futures), timeout=LONGEST if left is None else min(LONGEST, left))
+        except distributed.TimeoutError:
+            check()
+            if deadline.passed:
+                return False
+        else:
+            check()
+            return True
 
 
 def _with_others(

@@ -49,13 +49,14 @@ def make_operator(
     Args:
         part: the part.
         R: (n, 3, 3) of all its nodes.
-        degree: (n,) of all its nodes.
+        degree: (n,) of all its nodes; where it is 0, the rows and null vectors are.
         component: (num_own,).
     """
     from scipy.sparse import bsr_array
 
     n, num_own = len(part.nodes), part.num_own
-    root = np.sqrt(degree)
+    some = np.where(degree > 0, degree, 1.0)
+    root = np.sqrt(some)
     Lambda = np.zeros((num_own, 3, 3))
     g = np.zeros((num_own, 3))
     rows, columns, blocks = [], [], []
@@ -74,7 +75,7 @@ def make_operator(
             add_at(Lambda, a, w * turned)
             add_at(g, a, edges.weights[:, None] * vee_difference(turned))
     at = np.arange(num_own)
-    own_degree = degree[:num_own]
+    own_degree = some[:num_own]
     diagonal = 0.5 * (Lambda + Lambda.transpose(0, 2, 1)) / own_degree[:, None, None]
     row, column = np.concatenate([*rows, at]), np.concatenate([*columns, at])
     data = np.concatenate([*blocks, diagonal])
@@ -88,8 +89,8 @@ def make_operator(
     # S N = hat(axis sums) / 2 (the antisymmetric part of Lambda), |hat(x)|_F^2 = 2 |x|^2.
     square = 0.5 * (g**2).sum(axis=1) / own_degree
     error = ((ends + 100.0) * 4.0 * UNIT_ROUNDOFF) ** 2 * own_degree
-    null = root[:num_own, None, None] * R[:num_own].transpose(0, 2, 1)
-    return Operator(matrix, null, component, own_degree, rounding, square, error)
+    null = np.sqrt(degree[:num_own])[:, None, None] * R[:num_own].transpose(0, 2, 1)
+    return Operator(matrix, null, component, degree[:num_own], rounding, square, error)
 
 
 def along_null(

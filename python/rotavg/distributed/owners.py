@@ -41,8 +41,8 @@ class Owners:
     @staticmethod
     def by_nodes(edges: Edges, num_parts: int) -> Owners:
         """Of a graph in one piece."""
-        nodes, ends = np.unique(np.concatenate([edges.i, edges.j]), return_inverse=True)
-        i, j = ends.reshape(2, -1)
+        nodes = edges.nodes()
+        i, j = np.searchsorted(nodes, edges.i), np.searchsorted(nodes, edges.j)
         return Owners.numbered(nodes, partition(len(nodes), i, j, np.ones(len(i)), num_parts))
 
     @staticmethod
@@ -54,7 +54,9 @@ class Owners:
 
 def ends_of(chunk: Edges) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The nodes of a chunk, and how many ends of edges each has there."""
-    return np.unique(np.concatenate([chunk.i, chunk.j]), return_counts=True)
+    nodes = chunk.nodes()
+    ends = np.searchsorted(nodes, np.concatenate([chunk.i, chunk.j]))
+    return nodes, np.bincount(ends, minlength=len(nodes))
 
 
 def homes(ends: Sequence[tuple[NDArray[np.int64], NDArray[np.int64]]]) -> Owners:
@@ -67,29 +69,60 @@ def homes(ends: Sequence[tuple[NDArray[np.int64], NDArray[np.int64]]]) -> Owners
     return Owners(nodes, chunk[order][first])
 
 
-def crossings(chunk: Edges, home: Owners, num_chunks: int) -> NDArray[np.float64]:
-    """(num_chunks, num_chunks) how many edges of a chunk join the homes of two chunks."""
-    count = np.zeros((num_chunks, num_chunks))
-    np.add.at(count, (home[chunk.i], home[chunk.j]), 1.0)
-    return count
+def crossings(
+    chunk: Edges, home: Owners, num_chunks: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Between the homes of which chunks edges of a chunk are, a num_chunks + b, and how many."""
+    between = home[chunk.i].astype(np.int64) * num_chunks + home[chunk.j]
+    return np.unique(between, return_counts=True)
 
 
-def by_chunks(home: Owners, crossing: NDArray[np.float64], num_parts: int) -> Owners:
-    """Chunks grouped to parts, where there are more of them."""
+def by_chunks(
+    home: Owners,
+    crossing: Sequence[tuple[NDArray[np.int64], NDArray[np.int64]]],
+    num_parts: int,
+) -> Owners:
+    """Chunks grouped to parts, by the `crossings` of all of them."""
     num_chunks = len(crossing)
-    if num_chunks <= num_parts:
-        return Owners.numbered(home.nodes, home.part)
-    i, j = np.nonzero(crossing)
+    between = np.concatenate([pairs for pairs, _ in crossing])
+    counts = np.concatenate([count for _, count in crossing])
     sizes = np.bincount(home.part, minlength=num_chunks)
-    group = partition(num_chunks, i, j, crossing[i, j], num_parts, sizes)
+    i, j = np.divmod(between, num_chunks)
+    group = partition(num_chunks, i, j, counts, num_parts, sizes)
     return Owners.numbered(home.nodes, group[home.part])
+
+
+def shares(home: Owners, num_chunks: int, num_parts: int) -> NDArray[np.int64]:
+    """(num_chunks,) into how many parts each chunk goes, where there are fewer chunks."""
+    sizes = np.bincount(home.part, minlength=num_chunks)
+    upto = np.round(num_parts * np.cumsum(sizes) / max(1, sizes.sum()))
+    share: NDArray[np.int64] = np.maximum(1, np.diff(upto, prepend=0.0)).astype(np.int64)
+    return share
+
+
+def divided(chunk: Edges, number: int, home: Owners, share: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Into which of its parts the nodes of a chunk go, by the edges between them."""
+    nodes = home.nodes_of(number)
+    inner = chunk.take((home[chunk.i] == number) & (home[chunk.j] == number))
+    i, j = np.searchsorted(nodes, inner.i), np.searchsorted(nodes, inner.j)
+    return partition(len(nodes), i, j, np.ones(len(i)), int(share[number]))
+
+
+def by_shares(
+    home: Owners, share: NDArray[np.int64], labels: Sequence[NDArray[np.int32]]
+) -> Owners:
+    """The parts of all chunks that were `divided`."""
+    part = np.empty(len(home.nodes), np.int32)
+    for number, (first, label) in enumerate(zip(np.cumsum(share) - share, labels)):
+        part[home.part == number] = first + label
+    return Owners.numbered(home.nodes, part)
 
 
 def partition(
     num_nodes: int,
     i: NDArray[np.int64],
     j: NDArray[np.int64],
-    weights: NDArray[np.float64],
+    weights: NDArray[np.generic],
     num_parts: int,
     sizes: NDArray[np.int64] | None = None,
 ) -> NDArray[np.int32]:
@@ -112,8 +145,10 @@ def partition(
     """
     if num_parts < 1:
         raise GraphError(f"found {num_parts} parts, expected one or more")
-    if num_parts == 1:
+    if num_parts == 1 or num_nodes == 0:
         return np.zeros(num_nodes, np.int32)
+    if num_parts >= num_nodes:
+        return np.arange(num_nodes, dtype=np.int32)
     pymetis = require("pymetis", "distributed")
     sparse = require("scipy.sparse", "distributed")
     off = i != j

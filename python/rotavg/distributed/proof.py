@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.distributed.chebyshev import Chebyshev, Outcome, Told
+from rotavg.distributed.deadline import Deadline
 from rotavg.distributed.edges import Edges
 from rotavg.distributed.network import Network
 from rotavg.distributed.operator import UNIT_ROUNDOFF, Operator, make_operator
@@ -23,30 +24,66 @@ FEW_PRODUCTS, MANY_PRODUCTS = 300, 5000
 GATHERED = 3_000_000  # edges that one worker can hold: some 2 GB
 
 
-def prove(rounds: Rounds, tolerance: float, probability: float, seed: int) -> Certificate:
-    """The certificate of where the rounds have led.
+def prove(
+    rounds: Rounds,
+    component: list[Any],
+    num_components: int,
+    *,
+    tolerance: float,
+    probability: float,
+    seed: int,
+) -> Certificate | None:
+    """The certificate of where the rounds have led; None where their deadline comes before it.
 
     By a random start, across workers, where that is quick. Where it would take many steps, as on
     graphs with long thin parts, and one worker can hold the graph, that one factorises; else the
     steps are taken.
+
+    Args:
+        rounds: which have ended.
+        component: of every own node, of every part.
+        num_components: how many have an edge.
+        tolerance: the largest relative gap that is called optimal.
+        probability: that the proof may fail with.
+        seed: of its random start.
     """
-    network, state = rounds.network, rounds.state
-    component, num_components = rounds.components()
+    network, state, deadline = rounds.network, rounds.state, rounds.deadline
+    if deadline.passed:
+        return None
+    rounds.forget()
+    measure = _measured(network, state.rotations, component, num_components)
     degrees = network.with_neighbours(as_they_are, network.each(_degree))
     operators = network.with_neighbours(make_operator, state.rotations, degrees, component)
-    told = Told.joined(network.gather(network.each(_told, operators, count=num_components)))
-    proof = Chebyshev(network, operators, told, num_components)
+    sums = network.each(_told, operators, count=num_components)
+    gathered = measure.num_edges <= GATHERED
+    if not gathered:  # a part's edges make room for its operator
+        network.forget_edges()
+    if not network.done(sums, deadline):
+        return None
+    told = Told.joined(network.gather(sums))
+    proof = Chebyshev(network, operators, told, num_components, deadline)
     outcome = proof.tried(probability, seed, FEW_PRODUCTS)
-    if not outcome.is_decided(proof) and told.num_edges <= GATHERED:
+    if outcome.late:
+        return None
+    if not outcome.is_decided(proof) and gathered:
         options = {"tolerance": tolerance, "failure_probability": probability, "seed": seed}
-        certificate: Certificate = network.client.submit(
-            _certified, network.parts, state.rotations, options, pure=False
-        ).result()
+        one = network.client.submit(
+            _certified, network.parts, state.rotations, options, deadline, pure=False
+        )
+        (certificate,) = network.gather([one])
+        assert isinstance(certificate, Certificate)
         return certificate
     if not outcome.is_decided(proof):
         outcome = proof.tried(probability, seed, MANY_PRODUCTS, outcome.quotient)
-    measure = _measured(network, state.rotations, component, num_components)
+    if outcome.late:
+        return None
     return _certificate(outcome, proof, told, measure, tolerance, probability)
+
+
+def stopped(objective: float, tolerance: float) -> Certificate:
+    """Where there was no time for more: f(R) - f* <= f(R), of the graph as a whole."""
+    gap, none = objective * (1.0 + 1e-9), Shortfall.STOPPED
+    return Certificate(Verdict.NOT_CERTIFIED, math.nan, gap, 1.0, "none", 0.0, none, tolerance)
 
 
 def _certificate(
@@ -61,7 +98,7 @@ def _certificate(
     few = 16.0 * float(np.finfo(np.float64).eps)
     parts = []
     for c, (objective, total) in enumerate(zip(measure.objective, 0.5 * told.degrees)):
-        f = objective * (1.0 + UNIT_ROUNDOFF * told.num_edges)
+        f = objective * (1.0 + UNIT_ROUNDOFF * measure.num_edges)
         f += few * (math.sqrt(total * f) + few * total)
         # f(R) - f* <= |D^-1/2 K|_F^2 / cut, and it is at most f(R).
         gap, method, chance = f, "nonnegativity", 0.0
@@ -102,10 +139,12 @@ class Measure:
     """What the gaps of components are held against.
 
     Attributes:
+        num_edges: of the graph.
         objective: (components,) their parts of f.
         weight: (components,) sums of weights; no edge counts for more than 1000 times the lightest.
     """
 
+    num_edges: int
     objective: NDArray[np.float64]
     weight: NDArray[np.float64]
 
@@ -116,6 +155,7 @@ def _measured(network: Network, rotations: list[Any], component: list[Any], coun
     lightest = np.min([least for _, least in told], axis=0)
     weights = network.each(_capped_weights, component, lightest=lightest)
     return Measure(
+        sum(network.gather(network.each(_num_edges))),
         np.sum([objective for objective, _ in told], axis=0),
         np.sum(network.gather(weights), axis=0),
     )
@@ -144,6 +184,10 @@ def _capped_weights(
     return np.asarray(np.bincount(label, capped, minlength=len(lightest)), np.float64)
 
 
+def _num_edges(part: Part) -> int:
+    return int(np.count_nonzero(part.counted))
+
+
 def _degree(part: Part) -> NDArray[np.float64]:
     return part.degree
 
@@ -157,14 +201,16 @@ def _told(part: Part, operator: Operator, count: int) -> Told:
         by_component(operator.leftover),
         by_component(operator.leftover_rounding),
         operator.rounding,
-        part.num_own,
-        int(np.count_nonzero(part.counted)),
-        float(operator.degree.min(initial=np.inf)),
+        int(np.count_nonzero(part.degree)),
+        float(part.degree.min(initial=np.inf, where=part.degree > 0)),
     )
 
 
 def _certified(
-    parts: list[Part], rotations: list[NDArray[np.float64]], options: dict[str, Any]
+    parts: list[Part],
+    rotations: list[NDArray[np.float64]],
+    options: dict[str, Any],
+    deadline: Deadline,
 ) -> Certificate:
     """Of the whole graph, put together in one process."""
     nodes = np.concatenate([part.nodes[: part.num_own] for part in parts])
@@ -173,4 +219,5 @@ def _certified(
     graph = MeasurementGraph(
         np.stack([edges.i, edges.j], axis=1), edges.rotations, edges.weights, nodes=nodes[order]
     )
-    return certify(graph, np.concatenate(rotations)[order], **options)
+    R = np.concatenate(rotations)[order]
+    return certify(graph, R, time_limit=deadline.left(), **options)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.base.errors import GraphError
+from rotavg.distributed.deadline import Deadline
 from rotavg.distributed.local import inner_graph
 from rotavg.distributed.part import Part, Rotations, degrees
 from rotavg.graph.measurement_graph import MeasurementGraph
@@ -47,22 +47,22 @@ class Loss:
         return given * np.maximum(1.0 / (1.0 + in_units), LEAST_WEIGHT)
 
 
-def solve_alone_robustly(part: Part) -> tuple[Rotations, float, float, float]:
+def solve_alone_robustly(part: Part, deadline: Deadline) -> tuple[Rotations, float, float, float]:
     """The own nodes by the edges between them; scale and noise of the loss, the median weight."""
     graph = inner_graph(part)
     if graph is None:
         return np.tile(np.eye(3), (part.num_own, 1, 1)), np.nan, np.nan, np.nan
-    solution = solve(graph, loss="auto", certify=False, num_threads=1)
+    solution = solve(graph, loss="auto", certify=False, num_threads=1, time_limit=deadline.left())
     fit = solution.robust
     assert fit is not None
     return np.asarray(solution.rotations), fit.scale, fit.noise, float(np.median(graph.weights))
 
 
-def common_loss(told: Sequence[tuple[float, float, float]]) -> Loss:
-    """That of the median part."""
-    known = np.array([one for one in told if np.isfinite(one).all()])
-    if len(known) == 0:
-        raise GraphError("no part has an edge of its own: take fewer parts")
+def common_loss(
+    told: Sequence[tuple[float, float, float]], otherwise: tuple[float, float, float]
+) -> Loss:
+    """That of the median part; where no part has an edge of its own, otherwise."""
+    known = [one for one in told if np.isfinite(one).all()] or [otherwise]
     scale, noise, weight = np.median(known, axis=0)
     return Loss(float(scale), float(noise), float(weight))
 
@@ -85,14 +85,19 @@ def votes(
     return p[rows], q[rows], G, edges.weights
 
 
-def robust_turns(found: Sequence[tuple[Any, ...]], num_pieces: int) -> Rotations:
-    """The rotation of every piece by the votes."""
+def robust_turns(
+    found: Sequence[tuple[Any, ...]], num_pieces: int
+) -> tuple[Rotations, tuple[float, float, float]]:
+    """The rotation of every piece by the votes; scale, noise and median weight as of a part."""
     p, q, G, w = (np.concatenate(arrays) for arrays in zip(*found))
     if len(p) == 0:
-        return np.tile(np.eye(3), (num_pieces, 1, 1))
+        return np.tile(np.eye(3), (num_pieces, 1, 1)), (np.nan, np.nan, np.nan)
     graph = MeasurementGraph(np.stack([p, q], axis=1), G, w, nodes=np.arange(num_pieces))
     solution = solve(graph, loss="auto", certify=False, num_threads=1)
-    return np.asarray(solution.rotations)
+    fit = solution.robust
+    assert fit is not None
+    told = (fit.scale, fit.noise, float(np.median(graph.weights)))
+    return np.asarray(solution.rotations), told
 
 
 def squares(part: Part, R: Rotations) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ import io
 import weakref
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +75,10 @@ class DistributedSolution:
     def __post_init__(self) -> None:
         weakref.finalize(self, self.processes.close)
 
+    def with_certificate(self, certificate: Certificate) -> DistributedSolution:
+        """The same solution, certified; the processes go over to that."""
+        return replace(self, certificate=certificate, processes=self.processes.pop_all())
+
     def close(self) -> None:
         """End the processes that were started for it, if any, and with them its rotations."""
         self.processes.close()
@@ -127,6 +131,18 @@ class DistributedSolution:
         if self.certificate is not None:
             lines.append(f"certificate     {self.certificate.sentence}")
         return "\n".join(lines)
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C after the rounds had ended, before the certificate was there.
+
+    Attributes:
+        solution: what had been reached; its certificate says that it is missing.
+    """
+
+    def __init__(self, solution: DistributedSolution) -> None:
+        super().__init__("interrupted before the certificate was there")
+        self.solution = solution
 
 
 def _answer(part: Part, own: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from contextlib import ExitStack
+import logging
+import signal
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, Callable, Literal, Union
 
 import numpy as np
 
-from rotavg.base.errors import FormatError, GraphError, OptionError, require
+from rotavg.base.errors import Error, FormatError, GraphError, OptionError, SolverError, require
 from rotavg.distributed.building import build, sent
+from rotavg.distributed.deadline import Deadline
 from rotavg.distributed.edges import Edges
-from rotavg.distributed.local import solve_alone
+from rotavg.distributed.interruption import heeded
 from rotavg.distributed.part import Part
-from rotavg.distributed.proof import prove
+from rotavg.distributed.proof import prove, stopped
 from rotavg.distributed.robust import (
     change,
     common_loss,
@@ -26,13 +31,21 @@ from rotavg.distributed.robust import (
     votes,
 )
 from rotavg.distributed.rounds import Callback, Round, Rounds
-from rotavg.distributed.solution import DistributedSolution, RobustFit
+from rotavg.distributed.solution import DistributedSolution, Interrupted, RobustFit
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving import options
 
 Chunk = Callable[[], Union[MeasurementGraph, Edges]]
 MOST_REWEIGHTINGS = 60
 SETTLED = 1e-5  # of the weights, what the last reweighting changes
+
+ON_THIS_MACHINE = {
+    # Else the profiler looks at every worker a hundred times a second.
+    "distributed.worker.profile.enabled": False,
+    # A process that dies closes its connections; one that is slow to answer is only busy.
+    "distributed.comm.timeouts.tcp": "1 hour",
+    "distributed.comm.timeouts.connect": "10 minutes",
+}
 
 Source = Union[MeasurementGraph, str, Path, Sequence[Chunk]]
 
@@ -60,14 +73,16 @@ def solve(
 
     Args:
         source: a graph with integer ids; or a folder of files that `rotavg.read` reads, each a part
-            of the edges; or functions of no arguments that return such a part, called on workers.
+            of the edges (those whose names begin with a dot are left out); or functions of no
+            arguments that return such a part, called on workers.
         client: a `distributed.Client`; by default one of a process for each processor of this
             machine, which hold the solution until that is closed or forgotten.
         parts: how many parts; by default one for each thread of the workers. More parts take less
             memory at a time.
         tolerance: of the relative gradient, radians.
         max_rounds: limit on the number of rounds.
-        time_limit: in seconds, for the rounds.
+        time_limit: limit in seconds on everything but reading and dividing the graph, without
+            which there is no answer; what then is missing is told by `reason` and the certificate.
         loss: "l2", or "auto" for data with outliers: then the certificate is that of the final
             weighted problem, and `DistributedSolution.robust` tells what was found out.
         certify: whether to bound the distance from the global optimum.
@@ -76,9 +91,15 @@ def solve(
         seed: of that proof, and of what a robust loss draws.
         callback: called with a `Round` after every round; returning False stops.
 
+    Returns:
+        A DistributedSolution; the first node of each component has R = I, as nodes without an edge.
+
     Raises:
         GraphError: no edges, or ids that are no integers.
+        FormatError: a file cannot be read, or its content is none that `rotavg.read` takes.
         OptionError: for an option out of range.
+        SolverError: a function of the source fails, or the cluster does.
+        Interrupted: Ctrl-C while certifying; it has the solution.
         MissingExtraError: without the extra [distributed].
     """
     if parts is not None:
@@ -87,7 +108,8 @@ def solve(
         options.nonnegative("tolerance", tolerance),
         options.whole("max_rounds", max_rounds, 0, 2**31 - 1),
         options.seconds(time_limit),
-        callback,
+        Deadline.after(options.seconds(time_limit)),
+        options.function(callback),
     )
     proof: dict[str, Any] = {
         "tolerance": options.nonnegative("certificate_tolerance", certificate_tolerance),
@@ -96,42 +118,50 @@ def solve(
     }
     if loss not in ("l2", "auto"):
         raise OptionError(f"loss is {loss!r}, expected 'l2' or 'auto'")
-    with ExitStack() as processes:
+    with heeded(), ExitStack() as processes, _told_plainly():
         cluster = _cluster(processes) if client is None else client
         if parts is None:
             parts = max(1, sum(cluster.nthreads().values()))
+        # Nothing here holds the chunks: they are forgotten once there are parts.
         if isinstance(source, MeasurementGraph):
-            chunks, owners = sent(cluster, source, parts)
+            built = build(cluster, *sent(cluster, source, parts))
         else:
-            chunks, owners = list(_chunks(cluster, source)), None
-        if not chunks:
-            raise GraphError("there is nothing to solve: no edge was given")
-        network, pieces, num_pieces = build(cluster, chunks, parts, owners)
-        rounds = Rounds(network, pieces, num_pieces)
+            built = build(cluster, _chunks(cluster, source), parts)
+        rounds = Rounds(*built, limits.deadline)
+        del built
         if loss == "auto":
             trace, reason, robust = _robustly(rounds, limits, seed)
         else:
-            trace, robust = [rounds.begin(network.each(solve_alone))], None
+            trace, robust = [rounds.begin()], None
             reason = _run(rounds, trace, limits)
+        component, num_components = rounds.components()
+        network = rounds.network
         sizes = network.gather(network.each(_sizes))
-        certificate = None
-        if certify:
-            certificate = prove(rounds, **proof)
-        return DistributedSolution(
+        solution = DistributedSolution(
             objective=trace[-1].objective,
             relative_gradient=trace[-1].relative_gradient,
             converged=trace[-1].relative_gradient <= tolerance,
             reason=reason,
-            certificate=certificate,
+            certificate=stopped(trace[-1].objective, proof["tolerance"]) if certify else None,
             robust=robust,
             rounds=tuple(trace),
             num_nodes=sum(n for n, _ in sizes),
             num_edges=sum(m for _, m in sizes),
             num_parts=len(network),
             network=rounds.network,
-            rotations=rounds.state.rotations,
+            rotations=rounds.in_gauge(component, num_components),
             processes=processes.pop_all(),
         )
+        if not certify:
+            return solution
+        try:
+            certificate = prove(rounds, component, num_components, **proof)
+        except KeyboardInterrupt:
+            raise Interrupted(solution) from None
+        except BaseException:
+            solution.close()
+            raise
+        return solution if certificate is None else solution.with_certificate(certificate)
 
 
 @dataclass(frozen=True)
@@ -140,7 +170,8 @@ class Limits:
 
     tolerance: float
     max_rounds: int
-    time_limit: float | None
+    time_limit: float
+    deadline: Deadline
     callback: Callback
 
     def reason(self, now: Round, tolerance: float) -> str | None:
@@ -151,7 +182,7 @@ class Limits:
             return "converged"
         if now.number >= self.max_rounds:
             return f"the limit of {self.max_rounds} rounds"
-        if self.time_limit is not None and now.seconds >= self.time_limit:
+        if self.deadline.passed:
             return f"the time limit of {self.time_limit} s"
         return None
 
@@ -171,12 +202,13 @@ def _run(rounds: Rounds, trace: list[Round], limits: Limits, tolerance: float = 
 def _robustly(rounds: Rounds, limits: Limits, seed: int) -> tuple[list[Round], str, RobustFit]:
     """Reweighted until the weights stay as they are; then to the tolerance."""
     base = rounds.network
-    alone = base.each(solve_alone_robustly)
+    alone = base.each(solve_alone_robustly, deadline=limits.deadline)
     told = base.gather([base.client.submit(_without_rotations, one, pure=False) for one in alone])
-    loss = common_loss(told)
     rotations = [base.client.submit(_rotations, one, pure=False) for one in alone]
     found = base.gather(base.with_neighbours(votes, rotations, rounds.all_pieces, seed=seed))
-    rotations = rounds.turned(rotations, robust_turns(found, rounds.num_pieces))
+    Q, by_votes = robust_turns(found, rounds.num_pieces)
+    loss = common_loss(told, by_votes)
+    rotations = rounds.turned(rotations, Q)
     given = base.each(_weights)
     trace: list[Round] = []
     settled, reason = 1.0, "converged"
@@ -202,31 +234,91 @@ def _robustly(rounds: Rounds, limits: Limits, seed: int) -> tuple[list[Round], s
 def _cluster(processes: ExitStack) -> Any:
     """A client of processes on this machine, for as long as they are wanted."""
     distributed = require("distributed", "distributed")
-    local = distributed.LocalCluster(threads_per_worker=1, dashboard_address=":0")
-    processes.enter_context(local)
-    return processes.enter_context(distributed.Client(local))
+    config = require("dask", "distributed").config
+    with _left_to_this_process(), config.set(ON_THIS_MACHINE):
+        try:
+            local = distributed.LocalCluster(
+                threads_per_worker=1, dashboard_address=":0", silence_logs=logging.CRITICAL
+            )
+        except RuntimeError as error:
+            raise SolverError(
+                f"processes cannot be started here: {error} A program that does so needs "
+                "`if __name__ == '__main__':` around what it does, as they import it"
+            ) from error
+        processes.enter_context(local)
+        return processes.enter_context(distributed.Client(local))
 
 
-def _chunks(client: Any, source: str | Path | Sequence[Chunk]) -> Iterable[Any]:
+@contextmanager
+def _left_to_this_process() -> Iterator[None]:
+    """Ctrl-C waits; threads and processes that are started here never see it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # where that starts later, it unblocks the signal
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _told_plainly() -> Iterator[None]:
+    """What becomes of a cluster, as an error of ours."""
+    distributed = require("distributed", "distributed")
+    try:
+        yield
+    except distributed.KilledWorker as error:
+        raise SolverError(
+            f"workers died at one task, {error.allowed_failures + 1} of them: most likely there is "
+            "not enough memory; expected more parts or fewer workers on a machine"
+        ) from error
+    except (distributed.CancelledError, distributed.comm.CommClosedError) as error:
+        raise SolverError(f"the cluster was lost: {error}") from error
+
+
+def _chunks(client: Any, source: str | Path | Sequence[Chunk]) -> Iterator[Any]:
     if isinstance(source, (str, Path)):
         folder = Path(source)
-        files = sorted(path for path in folder.iterdir() if path.is_file())
+        if not folder.is_dir():
+            raise FormatError("is no folder, expected one of files with edges", path=str(folder))
+        names = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+        files = [path for path in names if path.is_file()]
         if not files:
             raise FormatError("holds no file, expected parts of a graph", path=str(folder))
         yield from (client.submit(_read, str(path), pure=False) for path in files)
         return
-    yield from (client.submit(_called, chunk, pure=False) for chunk in source)
+    for number, chunk in enumerate(source):
+        if not callable(chunk):
+            found = f"source {number} is a {type(chunk).__name__}"
+            raise GraphError(f"{found}, expected a function of no arguments")
+        yield client.submit(_called, chunk, number, pure=False)
 
 
 def _read(path: str) -> Edges:
     from rotavg.io import read
 
-    return Edges.of(read(path))
+    graph = read(path)
+    try:
+        return Edges.of(graph)
+    except GraphError as error:
+        raise FormatError(str(error), path=path) from None
 
 
-def _called(chunk: Chunk) -> Edges:
-    made = chunk()
-    return made if isinstance(made, Edges) else Edges.of(made)
+def _called(chunk: Chunk, number: int) -> Edges:
+    function = chunk.func if isinstance(chunk, partial) else chunk
+    name = f"source {number}, {getattr(function, '__name__', type(function).__name__)}"
+    try:
+        made = chunk()
+    except Error:
+        raise
+    except Exception as error:
+        raise SolverError(f"{name}: {type(error).__name__}: {error}") from error
+    try:
+        return made.checked() if isinstance(made, Edges) else Edges.of(made)
+    except GraphError as error:
+        raise GraphError(f"{name}: {error}") from error
 
 
 def _sizes(part: Part) -> tuple[int, int]:
