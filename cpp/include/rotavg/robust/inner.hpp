@@ -50,6 +50,9 @@ inline InnerSteps inner_steps(const MeasurementGraph& graph, Method method, int 
     }
   };
   if (method == Method::bcd) return sweeps;
+  // A factor holds at least one entry for an edge, and takes at least the square of these over n.
+  const bool dense = 0.5 * degree * graph.num_edges() > max_flops;
+  if (method == Method::automatic && dense) return sweeps;
 
   struct Workspace {
     Workspace(const MeasurementGraph& g, int threads)
