@@ -9,10 +9,10 @@ seed of one's choice. Columns: the default robust loss with even weights, with n
 and with inverse variances; the generator's baselines; peers with even weights. Errors are by its
 metric, the mean angle over the cameras after a robust common rotation, averaged over the graphs
 of a split; then the share of the graphs below 2 degrees, and CPU seconds a graph. "Said so" counts
-the answers more than 5 degrees off that tell another story or weak parts, "told right" those of
-them one of whose stories is below 2 degrees, "cried wolf" the answers below 1 degree that tell
-anything; over all weights, and the first two for even weights alone as well. Of a peer that gives
-no answer on some graphs the mean is over the others. One thread.
+the answers more than 5 degrees off that tell another story, weak parts or groups that nothing
+checks, "told right" those of them one of whose stories is below 2 degrees, "cried wolf" the answers
+below 1 degree that tell anything; over all weights, and the first two for even weights alone as
+well. Of a peer that gives no answer on some graphs the mean is over the others. One thread.
 """
 
 from __future__ import annotations
@@ -116,6 +116,7 @@ def measure_graph(graph: Any, peers: tuple[str, ...], limit: float) -> dict[str,
         assert solution.robust is not None
         doubtful = len(solution.robust.alternatives) > 0
         doubtful |= solution.robust.num_parts > solution.num_components
+        doubtful |= len(solution.hanging_groups) > 0
         told = [error(story.rotations, graph) for story in solution.robust.alternatives]
         found[f"rotavg, {weights}"] = {
             "error": error(solution.rotations, graph), "seconds": seconds, "doubtful": doubtful,

@@ -296,6 +296,45 @@ TEST_CASE("two edges that agree turn what one of great weight holds") {
   CHECK(take_part_votes(graph, {}, x, 0.01, R) == 0);
 }
 
+TEST_CASE("the other place of what a single edge holds is that of the edges it contradicts") {
+  Random random;
+  INFO(random.replay());
+  // Complete graphs of six, seven and two nodes. One edge holds the seven on the six, and two that
+  // agree with one another contradict it, as does a third; one edge alone holds the two.
+  Rotations truth;
+  for (Index i = 0; i < 15; ++i) truth.push_back(random.rotation());
+  std::vector<RelativeRotation> measurements;
+  const auto add = [&](Index i, Index j, const Matrix3& turn) {
+    RelativeRotation m;
+    m.i = i;
+    m.j = j;
+    m.i_from_j = truth[i].transpose() * turn * truth[j];
+    measurements.push_back(m);
+  };
+  const auto group = [](Index i) { return i < 6 ? 0 : i < 13 ? 1 : 2; };
+  for (Index i = 0; i < 15; ++i) {
+    for (Index j = i + 1; j < 15; ++j) {
+      if (group(i) == group(j)) add(i, j, Matrix3::Identity());
+    }
+  }
+  const Matrix3 turn = exp_so3(Vector3(0.3, -1.0, 2.0)), other = exp_so3(Vector3(0.0, 0.9, 0.0));
+  add(0, 6, Matrix3::Identity());
+  add(1, 7, other);
+  add(2, 8, turn);
+  add(3, 9, turn);
+  add(4, 13, Matrix3::Identity());
+  const MeasurementGraph graph(measurements);
+  std::vector<double> x;
+  squared_residuals(ResidualQuaternions(graph, to_quaternions(truth), 1), x);
+  Rotations expected = truth;
+  for (Index i = 6; i < 13; ++i) expected[i] = turn * truth[i];
+  const std::vector<Rotations> told = other_places(graph, {}, x, 0.01, truth, 3.0, 4);
+  REQUIRE(told.size() == 1);
+  CHECK(largest_error(told[0], expected) < 1e-6);
+  CHECK(other_places(graph, {}, x, 0.01, truth, 8.0, 4).empty());  // the side is smaller
+  CHECK(other_places(graph, {}, x, 0.01, truth, 3.0, 0).empty());
+}
+
 TEST_CASE(
     "of a thing with two like sides, the answer that is not folded is found and both are told") {
   Random random;

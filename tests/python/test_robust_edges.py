@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -292,3 +293,34 @@ def test_what_outliers_alone_check_is_told() -> None:
         np.testing.assert_array_equal(solution.is_unchecked, expected)
         assert "that outliers alone check" in str(solution)
         assert not rotavg.solve(graph).is_unchecked.any()
+
+
+def test_groups_that_hang_on_edges_which_nothing_checks_are_told() -> None:
+    """Complete graphs in a row, joined by bridges, by three edges of which one is right, by two."""
+    n = 6
+    inside = [(i, j) for i in range(n) for j in range(i)]
+    edges = [(4 * n, 0)] + [(k * n + i, k * n + j) for k in range(4) for i, j in inside]
+    edges += [(0, n)]  # a bridge
+    edges += [(0, 2 * n), (1, 2 * n + 1), (2, 2 * n + 2)]  # contradict each other
+    edges += [(0, 3 * n), (1, 3 * n + 1)]  # agree
+    rotvecs = np.zeros((len(edges), 3))
+    rotvecs[-4:-2] = np.eye(3)[:2]
+    graph = rotavg.MeasurementGraph.from_rotvecs(edges, rotvecs)
+    start = np.tile(np.eye(3), (graph.num_nodes, 1, 1))
+
+    def groups(**known: Any) -> list[list[int]]:
+        solution = rotavg.solve(graph, loss="tls", loss_scale=0.02, init=start, **known)
+        told = [sorted(group.tolist()) for group in solution.hanging_groups]
+        assert ("on edges that nothing checks" in str(solution)) == bool(told)
+        assert ("that nothing checks\n" in str(solution)) == bool(told)  # in what is proved
+        return told
+
+    second, third = list(range(n, 2 * n)), list(range(2 * n, 3 * n))
+    assert groups() == [second, third]  # and not the pendant node
+    assert groups(trusted=[(0, n)]) == [third]
+    # What outliers alone hold is a part of its own, which hangs on nothing.
+    joins = [(k, 2 * n + k) for k in range(3)]
+    assert groups(trusted=[(0, n)], excluded=joins) == []
+    assert rotavg.solve(graph).hanging_groups == []
+    tree = rotavg.MeasurementGraph.from_rotvecs(edges[:1] + edges[1:2], rotvecs[:2])
+    assert rotavg.solve(tree, loss="tls", loss_scale=0.02).hanging_groups == []

@@ -29,6 +29,7 @@ def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:
         "outliers": int(solution.is_outlier.sum()),
         "verdicts": dict(Counter(r.edge_verdicts.tolist())),
         "unchecked": int(solution.is_unchecked.sum()),
+        "hanging": [len(group) for group in solution.hanging_groups],
         "parts": r.num_parts,
         "weak_parts": r.num_parts - solution.num_components,
         "alternatives": [alternative.summary() for alternative in r.alternatives],

@@ -193,14 +193,22 @@ class RobustFit(ReadOnly):
         rows += [("alternative", alternative.sentence) for alternative in self.alternatives]
         return rows
 
-    def proof_sentence(self, sentence: str, num_components: int) -> str:
-        """What a certificate proves of the answer, `sentence`, and what speaks against it."""
+    def proof_sentence(self, sentence: str, num_components: int, hanging: int = 0) -> str:
+        """What a certificate proves of the answer, `sentence`, and what speaks against it.
+
+        Args:
+            sentence: what is proved.
+            num_components: how many parts there are if no edge is an outlier.
+            hanging: how many groups of nodes nothing checks against the rest.
+        """
         rejected = int((~np.isin(self.edge_verdicts, ("inlier", "bridge", "trusted"))).sum())
         said = f"{sentence} of the least squares on the edges it kept"
         doubts = [f"{rejected} of {len(self.edge_verdicts)} edges rejected"]
         weak = self.num_parts - num_components
         if weak > 0:
             doubts.append(f"{weak} part{'s' * (weak > 1)} on rejected edges only")
+        if hanging > 0:
+            doubts.append(f"{hanging} group{'s' * (hanging > 1)} that nothing checks")
         if self.alternatives:
             some = len(self.alternatives)
             answers = "another answer is" if some == 1 else f"{some} other answers are"

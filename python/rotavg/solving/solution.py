@@ -23,6 +23,7 @@ from rotavg.solving.robust import RobustFit, bridges, contamination_of
 from rotavg.solving.status import Status, Timings, Trace
 from rotavg.solving.uncertainty import Frame, beyond_half_a_turn, covariances, rms_degrees
 
+_FEW_NODES, _FEW_OF_ALL = 3, 0.02  # that are no group; the second as where stories differ
 _OF_COVARIANCES = {
     "": "",
     "chordal": " (full covariances, chords)",
@@ -146,6 +147,30 @@ class Solution(NodeMapping):
             unchecked[kept] = bridges(believed)
             unchecked &= ~bridges(self.graph)
         return read_only(unchecked)
+
+    @cached_property
+    def hanging_groups(self) -> list[NDArray[Any]]:
+        """Groups of nodes (their ids) that checked edges hold together, but not to the rest.
+
+        A group hangs on the largest of its component by edges that are bridges or unchecked
+        (`is_unchecked`): if one of them is wrong, the group is turned as a whole, and no residual
+        shows it. The largest group comes first. Fewer than three nodes, or two in a hundred, are
+        none. Priors do not count. Without a robust loss there are none.
+        """
+        if self.robust is None:
+            return []
+        checks = ~self.is_outlier & ~self.is_unchecked & ~bridges(self.graph)
+        checks |= self.edge_verdicts == "trusted"
+        if not checks.any():
+            return []
+        group = self.graph.with_weights(np.where(checks, self.graph.weights, 0.0)).components()
+        size, first = np.bincount(group), np.unique(group, return_index=True)[1]
+        order = np.argsort(-size, kind="stable")
+        # The largest of every part, which outliers alone join to others, is what the rest hangs on.
+        largest = order[np.unique(self.robust.part[first[order]], return_index=True)[1]]
+        least = max(_FEW_NODES, _FEW_OF_ALL * self.graph.num_nodes)
+        hanging = order[(size[order] >= least) & ~np.isin(order, largest)]
+        return [read_only(self.graph.nodes[group == k]) for k in hanging]
 
     def covariances(
         self,
@@ -289,6 +314,12 @@ class Solution(NodeMapping):
             if (unchecked := int(self.is_unchecked.sum())) > 0:
                 some = "1 edge" if unchecked == 1 else f"{unchecked} edges"
                 rows.append(("unchecked", f"{some} that outliers alone check"))
+            if self.hanging_groups:
+                sizes = [len(group) for group in self.hanging_groups]
+                some = "a group" if len(sizes) == 1 else f"{len(sizes)} groups"
+                rows.append(
+                    ("hanging", f"{some} of {sum(sizes)} nodes, on edges that nothing checks")
+                )
         # Residuals on the way to the answer say nothing of the measurements.
         elif self.status.converged and (
             advice := contamination_of(self.graph, self.rotations, self.residual_angles)
@@ -306,7 +337,9 @@ class Solution(NodeMapping):
             held = " of the headings, with gravity held"
         if self.robust is None:
             return f"{c.sentence}{held}"
-        return self.robust.proof_sentence(f"{c.sentence}{held}", self.num_components)
+        return self.robust.proof_sentence(
+            f"{c.sentence}{held}", self.num_components, len(self.hanging_groups)
+        )
 
     def __repr__(self) -> str:
         verdict = "no certificate" if self.certificate is None else str(self.certificate.verdict)

@@ -30,10 +30,18 @@ using InnerSteps = std::function<void(const MeasurementGraph&, const RobustLoss&
 /// - bcd: two sweeps, whose weights are the newest at every node. sum: two steps.
 /// - newton: a sweep and one step, which factors the weighted Laplacian anew in the old order of
 ///   elimination.
-/// - automatic: newton on sparse graphs whose Laplacian factors quickly; else bcd.
+/// - automatic: newton where the Laplacian factors quickly: in the time of some ten sweeps, or a
+///   moment, if the graph is sparse, and else in that of the sweeps which it replaces. Cameras
+///   along a street or a ring have such Laplacians, whatever their number of neighbours, and on
+///   their graphs sweeps are so slow that little is gained by each long before the end. On others,
+///   bcd.
 inline InnerSteps inner_steps(const MeasurementGraph& graph, Method method, int num_threads) {
   constexpr double sparse_degree = 20.0;
-  const double max_flops = std::max(2e8, 2e3 * graph.num_edges());  // some ten sweeps, or a moment
+  constexpr double flops_of_sweeps = 400.0;  // for an edge, about, in two reweighted sweeps
+  const double degree = 2.0 * graph.num_edges() / std::max<Index>(graph.num_nodes(), 1);
+  const double max_flops = degree > sparse_degree
+                               ? flops_of_sweeps * graph.num_edges()
+                               : std::max(2e8, 5.0 * flops_of_sweeps * graph.num_edges());
   const auto sweeps = [](const MeasurementGraph& g, const RobustLoss& loss,
                          const std::vector<double>& precision, Quaternions& q,
                          const Monitor& monitor) {
@@ -42,8 +50,9 @@ inline InnerSteps inner_steps(const MeasurementGraph& graph, Method method, int 
     }
   };
   if (method == Method::bcd) return sweeps;
-  const double degree = 2.0 * graph.num_edges() / std::max<Index>(graph.num_nodes(), 1);
-  if (method == Method::automatic && degree > sparse_degree) return sweeps;
+  // A factor holds at least one entry for an edge, and takes at least the square of these over n.
+  const bool dense = 0.5 * degree * graph.num_edges() > max_flops;
+  if (method == Method::automatic && dense) return sweeps;
 
   struct Workspace {
     Workspace(const MeasurementGraph& g, int threads)

@@ -18,6 +18,8 @@ namespace rotavg {
 
 namespace detail {
 
+constexpr std::size_t most_candidates = 48;  // ballots that are tried as turns
+
 /// How a rejected edge would have a side turned, and the chord up to which others agree with it.
 struct Ballot {
   Matrix3 turn;
@@ -37,30 +39,26 @@ inline double support(const std::vector<Ballot>& ballots, const Matrix3& turn) {
   return sum - best;
 }
 
-}  // namespace detail
+/// The parts of a graph that edges without which it would fall apart join to trees, and what others
+/// across the same cuts say of how the side that hangs on a part, with it, is turned.
+struct Sides {
+  std::vector<Index> part;                   ///< (n,) of every node
+  std::vector<Index> parent, order;          ///< of the parts, parents first; a root's parent is -1
+  std::vector<std::vector<Ballot>> ballots;  ///< of the outliers, for every part
+};
 
-/// Lets whole sides of a graph vote as take_votes() lets nodes: where a street joins the next by
-/// two edges that agree, a wrong one of great weight may hold it, and no node can move alone. Of
-/// the edges within the threshold those are looked at without which a component would fall apart:
-/// the outliers across the same cut have one voice each, as the edge has, on how what lies beyond
-/// is turned.
-///
-/// @param x squared residuals (m,)
-/// @param precision (m,) in whose units they are judged; empty: all 1
-/// @param threshold a chord; edges with larger residuals hold nothing
-/// @param R world_from_i, changed in place
-/// @returns how many sides were turned; none lies within another
-inline Index take_part_votes(const MeasurementGraph& graph, const std::vector<double>& precision,
-                             const std::vector<double>& x, double threshold, Rotations& R) {
-  constexpr std::size_t most_candidates = 48;
-  constexpr double clearly = 0.3;
+/// @param x, precision, threshold, R as of take_part_votes
+inline Sides sides_of(const MeasurementGraph& graph, const std::vector<double>& precision,
+                      const std::vector<double>& x, double threshold, const Rotations& R) {
   const double threshold2 = threshold * threshold;
   const auto units = [&](std::size_t k) { return precision_of(precision, k); };
   std::vector<bool> left_out(x.size()), holds(x.size());
   for (Index k = 0; k < graph.num_edges(); ++k) left_out[k] = units(k) * x[k] > threshold2;
   const Series series = series_of(graph, left_out);
   for (std::size_t k = 0; k < x.size(); ++k) holds[k] = !left_out[k] && series.label[k] >= 0;
-  const std::vector<Index> part = parts_joined_by(graph, holds);
+  Sides sides;
+  sides.part = parts_joined_by(graph, holds);
+  const std::vector<Index>& part = sides.part;
   const Index parts = part.empty() ? 0 : 1 + *std::max_element(part.begin(), part.end());
 
   // The trees in which these edges join parts.
@@ -71,7 +69,9 @@ inline Index take_part_votes(const MeasurementGraph& graph, const std::vector<do
     joined[part[e.i]].push_back(k);
     joined[part[e.j]].push_back(k);
   }
-  std::vector<Index> parent(parts, -1), depth(parts, -1), order;
+  std::vector<Index>&parent = sides.parent, &order = sides.order;
+  std::vector<Index> depth(parts, -1);
+  parent.assign(parts, -1);
   for (Index root = 0; root < parts; ++root) {
     if (depth[root] >= 0) continue;
     depth[root] = 0;
@@ -89,7 +89,7 @@ inline Index take_part_votes(const MeasurementGraph& graph, const std::vector<do
     }
   }
 
-  std::vector<std::vector<detail::Ballot>> ballots(parts);  // on what hangs on a part
+  sides.ballots.resize(parts);
   for (Index k = 0; k < graph.num_edges(); ++k) {
     const Edge& e = graph.edges()[k];
     Index i = part[e.i], j = part[e.j];
@@ -104,21 +104,40 @@ inline Index take_part_votes(const MeasurementGraph& graph, const std::vector<do
     }
     if (i != j) continue;  // of two trees
     for (const auto& [side, from_i] : path) {
-      ballots[side].push_back({from_i ? Matrix3(of_j.transpose()) : of_j, most2});
+      sides.ballots[side].push_back({from_i ? Matrix3(of_j.transpose()) : of_j, most2});
     }
   }
+  return sides;
+}
 
-  std::vector<Matrix3> turn(parts, Matrix3::Identity());
-  std::vector<bool> turned(parts, false);
+}  // namespace detail
+
+/// Lets whole sides of a graph vote as take_votes() lets nodes: where a street joins the next by
+/// two edges that agree, a wrong one of great weight may hold it, and no node can move alone. Of
+/// the edges within the threshold those are looked at without which a component would fall apart:
+/// the outliers across the same cut have one voice each, as the edge has, on how what lies beyond
+/// is turned.
+///
+/// @param x squared residuals (m,)
+/// @param precision (m,) in whose units they are judged; empty: all 1
+/// @param threshold a chord; edges with larger residuals hold nothing
+/// @param R world_from_i, changed in place
+/// @returns how many sides were turned; none lies within another
+inline Index take_part_votes(const MeasurementGraph& graph, const std::vector<double>& precision,
+                             const std::vector<double>& x, double threshold, Rotations& R) {
+  constexpr double clearly = 0.3;
+  const detail::Sides sides = detail::sides_of(graph, precision, x, threshold, R);
+  std::vector<Matrix3> turn(sides.parent.size(), Matrix3::Identity());
+  std::vector<bool> turned(turn.size(), false);
   Index moved = 0;
-  for (const Index p : order) {
-    if (parent[p] < 0) continue;
-    turn[p] = turn[parent[p]];
-    turned[p] = turned[parent[p]];
-    std::vector<detail::Ballot>& cast = ballots[p];
+  for (const Index p : sides.order) {
+    if (sides.parent[p] < 0) continue;
+    turn[p] = turn[sides.parent[p]];
+    turned[p] = turned[sides.parent[p]];
+    const std::vector<detail::Ballot>& cast = sides.ballots[p];
     if (turned[p] || cast.size() < 2) continue;
     double most = detail::support(cast, Matrix3::Identity()) + clearly;
-    const std::size_t stride = 1 + (cast.size() - 1) / most_candidates;
+    const std::size_t stride = 1 + (cast.size() - 1) / detail::most_candidates;
     for (std::size_t k = 0; k < cast.size(); k += stride) {
       const double support = detail::support(cast, cast[k].turn);
       if (support <= most) continue;
@@ -129,8 +148,56 @@ inline Index take_part_votes(const MeasurementGraph& graph, const std::vector<do
     moved += turned[p];
   }
   if (moved == 0) return 0;
-  for (std::size_t i = 0; i < R.size(); ++i) R[i] = turn[part[i]] * R[i];
+  for (std::size_t i = 0; i < R.size(); ++i) R[i] = turn[sides.part[i]] * R[i];
   return moved;
+}
+
+/// The other places of sides that a single edge holds and others contradict: either may be wrong.
+/// Each is turned as one of those that were rejected says, the one with which most others agree.
+///
+/// @param least how many nodes a side has that is worth telling
+/// @returns at most so many answers, those with the largest sides first
+inline std::vector<Rotations> other_places(const MeasurementGraph& graph,
+                                           const std::vector<double>& precision,
+                                           const std::vector<double>& x, double threshold,
+                                           const Rotations& R, double least, std::size_t most) {
+  const detail::Sides sides = detail::sides_of(graph, precision, x, threshold, R);
+  std::vector<Index> size(sides.parent.size(), 0), chosen;
+  for (const Index p : sides.part) ++size[p];
+  for (std::size_t k = sides.order.size(); k-- > 0;) {  // the leaves first
+    const Index p = sides.order[k];
+    if (sides.parent[p] >= 0) size[sides.parent[p]] += size[p];
+  }
+  const Index all = static_cast<Index>(R.size());
+  for (const Index p : sides.order) {
+    const bool told = std::min(size[p], all - size[p]) >= least && sides.parent[p] >= 0;
+    if (told && !sides.ballots[p].empty()) chosen.push_back(p);
+  }
+  std::stable_sort(chosen.begin(), chosen.end(), [&](Index a, Index b) {
+    return std::min(size[a], all - size[a]) > std::min(size[b], all - size[b]);
+  });
+  if (chosen.size() > most) chosen.resize(most);
+  std::vector<Rotations> answers;
+  for (const Index side : chosen) {
+    const std::vector<detail::Ballot>& cast = sides.ballots[side];
+    const std::size_t stride = 1 + (cast.size() - 1) / detail::most_candidates;
+    Matrix3 turn = cast.front().turn;
+    double support = detail::support(cast, turn);
+    for (std::size_t k = stride; k < cast.size(); k += stride) {
+      const double now = detail::support(cast, cast[k].turn);
+      if (now > support) turn = cast[k].turn;
+      support = std::max(support, now);
+    }
+    std::vector<bool> beyond(size.size(), false);
+    for (const Index p : sides.order) {
+      beyond[p] = p == side || (sides.parent[p] >= 0 && beyond[sides.parent[p]]);
+    }
+    answers.push_back(R);
+    for (std::size_t i = 0; i < R.size(); ++i) {
+      if (beyond[sides.part[i]]) answers.back()[i] = turn * R[i];
+    }
+  }
+  return answers;
 }
 
 }  // namespace rotavg

@@ -124,7 +124,8 @@ inline std::vector<double> rejected_and_coherent(const std::vector<double>& x,
 ///    no two other starts have led: l1 on the strongest edges alone, of either kind, the trees by
 ///    relative weight and overlap, by what the strongest of the strongest share, by weight and
 ///    overlap, and by what the strongest edges say that the best answer rejects.
-/// 4. What the rejected edges would say, if many of them agree with one another.
+/// 4. What the rejected edges would say, if many of them agree with one another; and the other
+///    places of parts that a single edge holds (other_places).
 /// 5. All are compared at one scale, the noise of the first, or the smallest if that is coarse. One
 ///    takes the place of the first where relative weights or voices clearly prefer it, of
 ///    several the one that they prefer; what they do not rule out is an alternative.
@@ -135,7 +136,8 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
                               Rotations R, double noise) {
   constexpr double contradicted = 16.0, clear_edges = 0.01, clear_voices = 0.01;
   constexpr double coarse = 0.1;  // noise that may well be that of an answer between two stories
-  constexpr double beyond_doubt = 5.0, few_cameras = 0.02;
+  constexpr double beyond_doubt = 5.0, few_cameras = 0.02, outlier_noises = 3.0;
+  constexpr std::size_t most_places = 3;
   constexpr int enough_starts = 2, most_rounds = 4, depth = 3, wider = 2 * strongest_of_a_camera;
   const std::size_t m = graph.edges().size();
   const auto go_on = run.keep_going();
@@ -277,6 +279,18 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   const std::vector<double> rejected = rejected_and_coherent(stories[best].x, overlap);
   if (!rejected.empty() && go_on() && run.ended() == Status::not_run) {
     attempt_tree("the tree of the rejected edges", rejected);
+  }
+
+  const std::vector<Rotations> elsewhere =
+      other_places(graph, run.precision(), run.squared_residuals_at(stories[best].rotations),
+                   outlier_noises * scale, stories[best].rotations, few_cameras * graph.num_nodes(),
+                   most_places);
+  for (const Rotations& placed : elsewhere) {
+    Story story{"another edge that would hold a part", placed, scale, {}};
+    units_of(story);
+    bool same = false;
+    for (const Story& other : stories) same = same || !differ(story, other);
+    if (!same) stories.push_back(std::move(story));
   }
 
   // 5.
