@@ -1,8 +1,12 @@
 """What full covariances bring, and what is proved: python -m benchmarks.anisotropic PART.
 
 table   the share proved of simulated graphs, by ratio of precisions and noise
+rounding    the same near zero noise, without and with gravity: where rounding ends it
+staircase   what the staircase finds and bounds where answers are refuted
 files   pose graphs with their files' full information: verdict, gap, CPU time against isotropic
 sphinx  lu_sphinx with its two-view precisions against the truth
+photographs fountain-P11 and castle-P19, with the covariances of `rotavg images`, against the truth
+        (needs OpenCV)
 factor  by how much the mean squared error falls, Monte Carlo against theory
 colmap  databases of synthetic scenes: mean errors with covariances from the inliers and with
         numbers of inliers as weights, and what reading them costs (needs pycolmap)
@@ -28,6 +32,17 @@ from benchmarks.relaxation import accuracy, relaxation
 from rotavg.graph.conventions import matrices_from_quaternions, matrices_from_rotvecs
 
 DATA = Path(os.environ.get("ROTAVG_DATA", Path(__file__).parents[2] / "shared" / "data"))
+PARTS = (
+    "table",
+    "rounding",
+    "staircase",
+    "files",
+    "sphinx",
+    "photographs",
+    "factor",
+    "colmap",
+    "sdp",
+)
 RATIOS = ((1, 1, 1), (1, 2, 2.9), (1, 3, 10), (1, 1, 100))
 
 
@@ -83,6 +98,128 @@ def table(runs: int) -> None:
                 rest = f"{max(gaps):.2g}" if gaps else ""
                 print(f"| {name} | {noise} | {n}, {density:g} | {runs - len(gaps)} of {runs} "
                       f"| {rest} |", flush=True)  # fmt: skip
+
+
+def rounding(runs: int) -> None:
+    """The share proved near zero noise, with all precisions and with gravity."""
+    noises = (1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
+    print("| precisions | priors | " + " | ".join(f"{noise:g} rad" for noise in noises) + " |")
+    print("|---|---|" + "---|" * len(noises))
+    for ratio in RATIOS:
+        for gravity in (False, True):
+            cells = []
+            for noise in noises:
+                gaps = []
+                for seed in range(runs):
+                    rng = np.random.default_rng(seed)
+                    graph, truth = simulated(rng, 30, 0.3, ratio, noise)
+                    priors = None
+                    if gravity:
+                        down = np.swapaxes(truth, 1, 2) @ np.array([0.0, 1.0, 0.0])
+                        down += noise * rng.normal(size=down.shape)
+                        priors = rotavg.Priors(
+                            gravity={k: (d, 1 / noise**2) for k, d in enumerate(down)}
+                        )
+                    c = rotavg.solve(
+                        graph, anisotropic=True, priors=priors, num_threads=1
+                    ).certificate
+                    assert c is not None
+                    if c.verdict != "proved":
+                        gaps.append(c.relative_gap)
+                cells.append(f"{runs - len(gaps)}" + (f" ({max(gaps):.1g})" if gaps else ""))
+            name = ":".join(f"{x:g}" for x in ratio)
+            known = "gravity" if gravity else ""
+            print(f"| {name} | {known} | " + " | ".join(cells) + " |", flush=True)
+
+
+def staircase(runs: int) -> None:
+    """Where the answer without a staircase is refuted: what it finds, and what gap it leaves."""
+    print("| graphs | refuted | proved by it | lower by it | gaps without, with [of f] |")
+    print("|---|---|---|---|---|")
+
+    def row(name: str, graphs: list[tuple[rotavg.MeasurementGraph, Any]]) -> None:
+        refuted = proved = lower = 0
+        gaps = []
+        for graph, start in graphs:
+            plain, full = (
+                rotavg.solve(
+                    graph, init=start, anisotropic=True, max_rank=rank, num_threads=1
+                )
+                for rank in (0, 10)
+            )  # fmt: skip
+            assert plain.certificate is not None
+            assert full.certificate is not None
+            if plain.certificate.verdict == "proved":
+                continue
+            refuted += 1
+            proved += full.certificate.verdict == "proved"
+            lower += full.objective < plain.objective * (1 - 1e-6)
+            gaps.append([min(c.relative_gap, 1.0) for c in (plain.certificate, full.certificate)])
+        gap = "{:.2f}, {:.2f}".format(*np.mean(gaps, axis=0)) if gaps else ""
+        print(f"| {name} | {refuted} of {len(graphs)} | {proved} | {lower} | {gap} |", flush=True)
+
+    for ratio in RATIOS[1:]:
+        name = ":".join(f"{x:g}" for x in ratio)
+        for noise in (0.05, 0.2):
+            rings = []
+            for seed in range(runs):
+                graph, truth = simulated(np.random.default_rng(seed), 20, 0.0, ratio, noise)
+                assert graph.covariances is not None
+                loop = rotavg.MeasurementGraph(
+                    [*graph.edges, (19, 0)],
+                    np.concatenate([graph.rotations, (truth[19].T @ truth[0])[None]]),
+                    covariances=np.concatenate([graph.covariances, graph.covariances[:1]]),
+                )
+                twist = np.outer(2 * np.pi * np.arange(20) / 20, [0.36, 0.48, 0.8])
+                rings.append((loop, matrices_from_rotvecs(twist) @ truth))
+            row(f"cycles of 20 wound once, {name}, {noise} rad", rings)
+        for noise in (0.3, 0.6, 1.0):
+            cases = [
+                (simulated(np.random.default_rng(seed), 30, 0.15, ratio, noise)[0], "auto")
+                for seed in range(runs)
+            ]
+            row(f"30 nodes, density .15, {name}, {noise} rad", cases)
+
+
+def photographs() -> None:
+    """Strecha's photographs with laser truth: with one weight for each edge, with covariances."""
+    from rotavg import images
+
+    focal = 1149.78  # pixels, of these reduced photographs
+    print("| photographs | pairs | e C^-1 e, median | weights, loss | mean error [deg] "
+          "| median |")  # fmt: skip
+    print("|---|---|---|---|---|---|")
+    for name in ("fountain-P11", "castle-P19"):
+        folder = DATA / "strecha" / name
+        graph = images.measure(folder / "images", focal=focal).graph
+        truth = {
+            path.name[: -len(".camera")]: np.array(path.read_text().split()[12:21], float)
+            for path in (folder / "gt_cameras").glob("*.camera")
+        }
+        R = np.array([truth[node] for node in graph.nodes.tolist()]).reshape(-1, 3, 3)
+        i, j = graph.indices.T
+        assert graph.covariances is not None
+        e = rotation_vectors(np.swapaxes(R[i] @ graph.rotations, 1, 2) @ R[j])
+        squares = np.einsum("ka,kab,kb->k", e, np.linalg.inv(graph.covariances), e)
+        traces = np.trace(graph.covariances, axis1=1, axis2=2)
+        for weights, one, full in (
+            ("inliers", graph, False),
+            ("3 / tr C", graph.with_weights(3 / traces), False),
+            ("covariances", graph, True),
+        ):
+            for loss in ("l2", "auto"):
+                solution = rotavg.solve(one, loss=loss, anisotropic=full, num_threads=1)
+                angles = np.degrees(rotavg.compare(solution.rotations, R).angles)
+                print(f"| {name} | {graph.num_edges} | {np.median(squares):.3g} "
+                      f"| {weights}, {loss} | {angles.mean():.4f} | {np.median(angles):.4f} |",
+                      flush=True)  # fmt: skip
+
+
+def rotation_vectors(R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k, 3) of small rotations."""
+    return (
+        np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], 1) / 2
+    )
 
 
 def cpu(graph: rotavg.MeasurementGraph, runs: int, **options: Any) -> tuple[float, Any]:
@@ -260,12 +397,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("part", choices=("table", "files", "sphinx", "factor", "colmap", "sdp"))
+    parser.add_argument("part", choices=PARTS)
     parser.add_argument("--runs", type=int, default=0)
     parser.add_argument("--graphs", nargs="*", default=["sphere2500", "torus3D", "parking-garage"])
     options = parser.parse_args()
     if options.part == "table":
         table(options.runs or 40)
+    elif options.part == "rounding":
+        rounding(options.runs or 10)
+    elif options.part == "staircase":
+        staircase(options.runs or 20)
+    elif options.part == "photographs":
+        photographs()
     elif options.part == "files":
         files(options.graphs, options.runs or 5)
     elif options.part == "sphinx":

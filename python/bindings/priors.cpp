@@ -223,6 +223,7 @@ void bind_priors(py::module_& m) {
       .def("objective", &number<&rotavg::objective>, py::arg("rotations"))
       .def("edge_costs", &numbers<&rotavg::edge_costs>, py::arg("rotations"))
       .def("prior_costs", &numbers<&rotavg::prior_costs>, py::arg("rotations"))
+      .def("log_prior_costs", &numbers<&rotavg::log_prior_costs>, py::arg("rotations"))
       .def(
           "prior_residuals",
           [](const GroundedGraph& problem, const DoubleArray& rotations) {

@@ -4,6 +4,7 @@
 #include <pybind11/functional.h>
 #include <pybind11/stl.h>
 
+#include <rotavg/anisotropic/with_priors.hpp>
 #include <rotavg/linalg/memory.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/robust/solve_rigs.hpp>
@@ -160,14 +161,17 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
 py::dict refine_anisotropic(const rotavg::MeasurementGraph& graph, const DoubleArray& information,
                             const DoubleArray& rotations, double tolerance, int max_iterations,
                             double time_limit, int num_threads,
-                            const std::optional<py::function>& callback, int iterations_before) {
+                            const std::optional<py::function>& callback, int iterations_before,
+                            const rotavg::GroundedGraph* priors, double prior_precision) {
   SignalCheck signals;
   const auto options = iteration_options(tolerance, max_iterations, time_limit, num_threads,
                                          callback, signals, iterations_before);
-  const rotavg::Rotations omega = to_rotations(information, "information");
+  const std::vector<rotavg::Matrix3> omega = to_rotations(information, "information");
   rotavg::Rotations R = to_rotations(rotations, "rotations");
-  const auto result =
-      without_gil([&] { return rotavg::refine_anisotropic(graph, omega, std::move(R), options); });
+  const auto result = without_gil([&] {
+    if (priors) return rotavg::refine_anisotropic(*priors, {omega, prior_precision}, R, options);
+    return rotavg::refine_anisotropic(graph, omega, std::move(R), options);
+  });
   signals.rethrow();
   py::dict dict;
   dict["rotations"] = from_rotations(result.rotations);
@@ -222,7 +226,7 @@ void bind_solve(py::module_& m) {
   m.def("refine_anisotropic", &refine_anisotropic, py::arg("graph"), py::arg("information"),
         py::arg("rotations"), py::kw_only(), py::arg("tolerance"), py::arg("max_iterations"),
         py::arg("time_limit"), py::arg("num_threads"), py::arg("callback"),
-        py::arg("iterations_before"));
+        py::arg("iterations_before"), py::arg("priors").none(true), py::arg("prior_precision"));
 }
 
 }  // namespace rotavg_python

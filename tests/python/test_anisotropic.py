@@ -179,10 +179,77 @@ def test_bad_requests_say_what_is_wrong(truth: NDArray[np.float64]) -> None:
     plain = rotavg.MeasurementGraph(EDGES, rotations)
     with pytest.raises(rotavg.OptionError, match="needs a graph with covariances"):
         rotavg.solve(plain, anisotropic="log")
-    C[4] = np.eye(3)
-    spread = rotavg.MeasurementGraph(EDGES, rotations, covariances=C)
-    with pytest.raises(rotavg.OptionError, match="not possible with priors"):
-        rotavg.solve(spread, anisotropic="log", priors=rotavg.Priors(fixed={0: np.eye(3)}))
+
+
+W = 40.0  # of priors
+
+
+def with_priors(seed: int, truth: NDArray[np.float64]) -> tuple[rotavg.MeasurementGraph, dict]:
+    """Priors of every kind that contradict the measurements a little."""
+    rng = np.random.default_rng(seed)
+    graph = measured(rng, truth, covariances(rng, 0.1))
+
+    def off(k: int) -> NDArray[np.float64]:
+        noise = matrices_from_rotvecs(0.2 * rng.normal(size=(1, 3)))[0]
+        return np.asarray(noise @ truth[k])
+
+    down = np.array([0.0, 1.0, 0.0])
+    gravity = {k: (off(k).T @ down, W) for k in (1, 2, 4)}
+    return graph, {
+        "fixed": {"fixed": {0: truth[0], 3: off(3)}},
+        "absolute": {"absolute": {1: (off(1), W), 4: (off(4), W)}},
+        "gravity": {"gravity": gravity},
+        "all": {"fixed": {0: truth[0]}, "absolute": {3: (off(3), W)}, "gravity": gravity,
+                "rigs": {4: (0, np.eye(3)), 5: (0, truth[4].T @ off(5))}},
+    }  # fmt: skip
+
+
+def prior_objective(
+    graph: rotavg.MeasurementGraph, priors: rotavg.Priors, R: NDArray[np.float64]
+) -> float:
+    """From its definition: a prior of weight w has the precision u w."""
+    assert graph.covariances is not None
+    u = np.median(3 / (graph.weights * np.trace(graph.covariances, axis1=1, axis2=2)))
+    f = objective(graph, R)
+    for node, (known, w) in priors.absolute.items():
+        f += u * w * Rotation.from_matrix(known.T @ R[node]).magnitude() ** 2
+    for node, (d, w) in priors.gravity.items():
+        f += u * w * np.arccos(np.clip((R[node] @ d) @ [0.0, 1.0, 0.0], -1, 1)) ** 2
+    return f
+
+
+@pytest.mark.parametrize("kind", ["fixed", "absolute", "gravity", "all"])
+def test_priors_of_every_kind_go_with_logarithms(kind: str, truth: NDArray[np.float64]) -> None:
+    for seed in range(3):
+        graph, known = with_priors(seed, truth)
+        priors = rotavg.Priors(**known[kind], down=[0.0, 1.0, 0.0])
+        solution = rotavg.solve(graph, anisotropic="log", priors=priors)
+        assert solution.status.converged
+        assert solution.certificate is None
+        assert solution.isotropic is not None
+        assert solution.isotropic.certificate is not None  # the chords', which has one
+        R = solution.rotations
+        f = prior_objective(graph, priors, R)
+        assert solution.objective == pytest.approx(f, rel=1e-9)
+        assert f <= prior_objective(graph, priors, solution.isotropic.rotations) * (1 + 1e-12)
+        for node, value in priors.fixed.items():
+            np.testing.assert_allclose(R[node], value, atol=1e-12)
+        # No step of what is free goes down.
+        ties = [[k] for k in range(6) if k not in priors.fixed]
+        if priors.rigs:
+            ties = [[k] for k in (1, 2, 3)] + [[4, 5]]
+        h = 1e-5
+        for nodes in ties:
+            for axis in np.eye(3):
+                w = np.zeros((6, 3))
+                w[nodes] = h * axis
+                up = prior_objective(graph, priors, matrices_from_rotvecs(w) @ R)
+                back = prior_objective(graph, priors, matrices_from_rotvecs(-w) @ R)
+                curvature = (up + back - 2 * f) / h**2
+                assert abs(up - back) / (2 * h) < 1e-5 * curvature
+        costs = rotavg.diagnose(solution)
+        assert np.isfinite(solution.covariances(noise_variance=1)).all()
+        assert costs is not None
 
 
 def test_g2o_holds_covariances(tmp_path: Path) -> None:

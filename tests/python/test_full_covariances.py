@@ -115,6 +115,73 @@ def test_all_methods_meet_the_same_optimum(options: Any) -> None:
     assert other.certificate.verdict == "proved"
 
 
+def wound(ratio: tuple[float, float, float], seed: int) -> tuple[Any, NDArray[np.float64]]:
+    """A ring and rotations that wind around it once more than the truth."""
+    n = 20
+    graph, truth = simulated(np.random.default_rng(seed), n, 0.0, ratio, 0.1)
+    assert graph.covariances is not None
+    ring = rotavg.MeasurementGraph(
+        [*graph.edges, (n - 1, 0)],
+        np.concatenate([graph.rotations, (truth[n - 1].T @ truth[0])[None]]),
+        covariances=np.concatenate([graph.covariances, graph.covariances[:1]]),
+    )
+    twist = np.outer(2 * np.pi * np.arange(n) / n, [0.36, 0.48, 0.8])
+    return ring, matrices_from_rotvecs(twist) @ truth
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+def test_the_staircase_unwinds_a_ring(ratio: tuple[float, float, float]) -> None:
+    for seed in range(3):
+        ring, twisted = wound(ratio, seed)
+        best = rotavg.solve(ring, anisotropic=True)
+        stuck = rotavg.solve(ring, anisotropic=True, init=twisted, method="newton")
+        assert stuck.objective > 3 * best.objective
+        for method in ("auto", "staircase"):
+            solution = rotavg.solve(ring, anisotropic=True, init=twisted, method=method)
+            assert solution.objective == pytest.approx(best.objective, rel=1e-9)
+            assert solution.certificate is not None
+            assert solution.certificate.verdict == "proved"
+        assert "the staircase climbed to rank" in solution.reason
+        assert solution.method == "staircase"
+
+
+def test_a_staircase_never_does_worse_and_its_bound_is_one() -> None:
+    refuted = bounded = 0
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        graph, _ = simulated(rng, 12, 0.3, RATIOS[1 + seed % 3], 0.6 + 0.2 * (seed % 4))
+        without = rotavg.solve(graph, anisotropic=True, max_rank=0)
+        solution = rotavg.solve(graph, anisotropic=True)
+        assert solution.objective <= without.objective * (1 + 1e-12)
+        c, before = solution.certificate, without.certificate
+        assert c is not None
+        assert before is not None
+        assert c.gap <= before.gap * (1 + 1e-6)
+        refuted += before.verdict != "proved"
+        bounded += c.method == "relaxation"
+        lowest = min(
+            rotavg.solve(graph, anisotropic=True, init="random", seed=k, method="bcd").objective
+            for k in range(5)
+        )
+        assert solution.objective - c.gap <= lowest * (1 + 1e-9)
+    assert refuted > 0
+    assert bounded > 0
+
+
+def test_the_staircase_has_the_same_bits_for_any_threads() -> None:
+    rng = np.random.default_rng(0)
+    graph, _ = simulated(rng, 400, 0.4, (1, 3, 10), 0.3)
+    assert graph.num_edges > 24576  # below, one thread does all
+    one, three = (
+        rotavg.solve(graph, anisotropic=True, method="staircase", init="random", num_threads=k)
+        for k in (1, 3)
+    )
+    assert np.array_equal(one.rotations, three.rotations)
+    assert one.certificate is not None
+    assert three.certificate is not None
+    assert one.certificate.gap == three.certificate.gap
+
+
 def test_components_and_robust_losses() -> None:
     one, other = random_graph(1), random_graph(2, n=6)
     assert one.covariances is not None

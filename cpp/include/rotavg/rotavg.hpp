@@ -41,6 +41,7 @@
 #include <rotavg/anisotropic/certificate_matrix.hpp>
 #include <rotavg/anisotropic/hessian.hpp>
 #include <rotavg/anisotropic/improve_split.hpp>
+#include <rotavg/anisotropic/minorant.hpp>
 #include <rotavg/anisotropic/newton.hpp>
 #include <rotavg/anisotropic/proof.hpp>
 #include <rotavg/anisotropic/residuals.hpp>

@@ -107,9 +107,12 @@ class Grounded:
             np.ones(len(self.priors.gravity), bool) if gravity is None else ~gravity.is_outlier,
         )
 
-    def prior_costs(self, rotations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) what the priors of every node add to the objective."""
-        return self.core.prior_costs(rotations)
+    def prior_costs(
+        self, rotations: NDArray[np.float64], *, logarithms: bool = False
+    ) -> NDArray[np.float64]:
+        """(n,) what the priors of every node add to the objective, or to that of logarithms."""
+        costs = self.core.log_prior_costs if logarithms else self.core.prior_costs
+        return costs(rotations)
 
     def rows(self, rotations: NDArray[np.float64], certified: bool) -> list[tuple[str, str]]:
         """Names and sentences for a printed report."""

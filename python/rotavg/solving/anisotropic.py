@@ -14,7 +14,6 @@ from rotavg.base.arrays import read_only
 from rotavg.base.errors import OptionError
 from rotavg.graph.covariances import information, precision_of_weight_one
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.priors.priors import Priors
 from rotavg.solving.certificate import certificate_from_core
 from rotavg.solving.solution import Solution
 from rotavg.solving.status import Status, Timings, Trace
@@ -23,16 +22,12 @@ from rotavg.solving.status import Status, Timings, Trace
 START_TOLERANCE = 1e-6
 
 
-def check(graph: MeasurementGraph, anisotropic: object, priors: Priors | None) -> None:
+def check(graph: MeasurementGraph, anisotropic: object) -> None:
     """Refuse what full covariances do not go with."""
     if anisotropic not in (True, "log"):
         raise OptionError(f"anisotropic is {anisotropic!r}, expected True, False or 'log'")
     if graph.covariances is None:
         raise OptionError("anisotropic needs a graph with covariances, and this one has none")
-    if priors is None:
-        return
-    if anisotropic == "log":
-        raise OptionError("anisotropic='log' is not possible with priors")
 
 
 def given_precisions(graph: MeasurementGraph) -> NDArray[np.float64]:
@@ -40,7 +35,7 @@ def given_precisions(graph: MeasurementGraph) -> NDArray[np.float64]:
 
     Raises OptionError where the graph has none.
     """
-    check(graph, True, None)
+    check(graph, True)
     assert graph.covariances is not None
     return information(graph.covariances, np.ones(graph.num_edges))
 
@@ -132,13 +127,19 @@ def refined(solution: Solution, settings: dict[str, Any]) -> Solution:
         num_threads=settings["num_threads"],
         callback=None if stopped else settings["callback"],
         iterations_before=solution.iterations,
+        priors=with_final_weights(solution),
+        prior_precision=precision_of_weight_one(graph.covariances, graph.weights),
     )
     seconds = time.perf_counter() - began
+    rotations, rigs = read_only(core["rotations"]), solution.rigs
+    if rigs is not None:
+        rigs = rigs.with_frames_of(graph.nodes.tolist(), rotations, core["objective"])
     status = solution.status if stopped else Status[core["status"].upper()]
     then = f"then Gauss-Newton on the logarithms, {core['iterations']} iterations"
     return replace(
         solution,
-        rotations=read_only(core["rotations"]),
+        rotations=rotations,
+        rigs=rigs,
         objective=core["objective"],
         gradient_norm=core["gradient_norm"],
         relative_gradient=core["relative_gradient"],

@@ -35,7 +35,7 @@ def prior_costs(solution: Solution) -> NDArray[np.float64]:
     graph, grounded = solution.graph, solution.grounded
     if grounded is None:
         return np.zeros(graph.num_nodes)
-    costs = grounded.prior_costs(solution.rotations)
+    costs = grounded.prior_costs(solution.rotations, logarithms=solution.anisotropic == "log")
     if not solution.anisotropic:
         return costs
     # A precision h I is the weight h / 2.

@@ -165,9 +165,11 @@ def solve(
             with a noise of its own (`Solution.robust.gravity_priors`); fixed rotations stay fixed.
         anisotropic: whether to honour the covariances C of the graph (docs/covariances.md): the
             objective is then sum of 4 v^T C^-1 v with v = sin(|r| / 2) r / |r|, r = log(R_ij^T
-            R_i^T R_j), which is r^T C^-1 r for small r, and it is certified. "auto", "staircase"
-            and "bcdsr" solve the problem with one weight for each edge first, which is
-            `Solution.isotropic`, and go on from there. A prior of weight w counts as an edge of
+            R_i^T R_j), which is r^T C^-1 r for small r, and it is certified. "auto" and "bcdsr"
+            solve the problem with one weight for each edge first, which is `Solution.isotropic`,
+            and go on from there; where the answer is refuted, "auto" climbs the staircase of a
+            problem with blocks that bounds this one from below, and "staircase" does so at once.
+            A prior of weight w counts as an edge of
             weight w (docs/priors.md). "log" goes on to a local minimum of sum of r^T C^-1 r itself
             by the method of Gauss and Newton; that one has no certificate.
         gauge: how components are turned that no prior holds. "first": their first node has the
@@ -233,13 +235,15 @@ def solve(
     first = settings
     if anisotropic is not False:
         known = grounded is not None or sensors is not None
-        check(graph, anisotropic, priors if known else None)
+        check(graph, anisotropic)
         rough = max(settings["tolerance"], START_TOLERANCE)
         if sensors is not None:
             rough = settings["tolerance"]  # what is found of the sensors stays
         first = {**settings, "certify": False, "stop": "gradient", "tolerance": rough}
-        if start is not None and loss == "l2" and not known:
+        if loss == "l2" and not known and (start is not None or method == "staircase"):
             first["max_iterations"] = 0  # from there at once
+            if method == "staircase":
+                first["method"] = "bcd"
     try:
         core = _call_core(
             graph,

@@ -22,10 +22,12 @@ class Elimination;
 ///
 /// @param R world_from_i, one rotation per node
 /// @param eliminations of all components, without their roots
+/// @param known of the optimum of every component besides; empty if nothing is
 ROTAVG_INLINE Certificate certify(const AnisotropicGraph& graph, const Rotations& R,
                                   const Components& components,
                                   std::vector<Elimination>& eliminations,
-                                  const CertificateOptions& options);
+                                  const CertificateOptions& options,
+                                  const std::vector<LowerBound>& known = {});
 
 /// The same for rotations that anybody found.
 /// @throws std::invalid_argument unless `given` holds a rotation for each node

@@ -162,7 +162,8 @@ inline ComponentBound bound_component(EdgeSplits& splits, const Components& comp
 ROTAVG_INLINE Certificate certify(const AnisotropicGraph& graph, const Rotations& R,
                                   const Components& components,
                                   std::vector<Elimination>& eliminations,
-                                  const CertificateOptions& options) {
+                                  const CertificateOptions& options,
+                                  const std::vector<LowerBound>& known) {
   const int num_threads = resolve_num_threads(options.num_threads, graph.num_edges());
   const AnisotropicResiduals residuals(graph, to_quaternions(R), num_threads);
   EdgeSplits splits(residuals);
@@ -176,7 +177,8 @@ ROTAVG_INLINE Certificate certify(const AnisotropicGraph& graph, const Rotations
     const double resolution = measures[c].scale() * options.tolerance;
     const ComponentBound bound =
         detail::bound_component(splits, components, c, eliminations[c], resolution, options);
-    parts.push_back(detail::certify_component(bound, LowerBound{}, measures[c], options.tolerance));
+    parts.push_back(detail::certify_component(bound, known.empty() ? LowerBound{} : known[c],
+                                              measures[c], options.tolerance));
   }
   Certificate certificate = detail::certificate_of(std::move(parts), options.tolerance);
   const bool stopped = options.keep_going && !options.keep_going();

@@ -14,9 +14,10 @@ namespace rotavg {
 ///
 /// The method is that of the descent: `automatic` solves the scalar problem (AnisotropicGraph::
 /// scalar) first and goes on from there by three sweeps of bcd and newton, on dense graphs by sum.
-/// If the answer is refuted, there is a second run from the chordal value. The others start from
-/// options.init, but for staircase and bcdsr, which solve the scalar problem, and then `automatic`
-/// goes on.
+/// If the answer is refuted, there is a second run from the chordal value, and if that is, too, the
+/// staircase of a problem with blocks that bounds this one from below (anisotropic/minorant.hpp).
+/// The others start from options.init, staircase with that climb; but bcdsr solves the scalar
+/// problem, and then `automatic` goes on.
 ///
 /// @param start an initial value to use instead (a warm start)
 /// @throws std::invalid_argument as solve() of a MeasurementGraph

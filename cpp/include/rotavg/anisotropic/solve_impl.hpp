@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <memory>
 #include <optional>
 #include <sstream>
 #include <stdexcept>
@@ -11,6 +12,7 @@
 
 #include <rotavg/anisotropic/bcd.hpp>
 #include <rotavg/anisotropic/certify.hpp>
+#include <rotavg/anisotropic/minorant.hpp>
 #include <rotavg/anisotropic/newton.hpp>
 #include <rotavg/anisotropic/residuals.hpp>
 #include <rotavg/anisotropic/solve.hpp>
@@ -26,6 +28,7 @@
 #include <rotavg/solve/polish.hpp>
 #include <rotavg/solve/run.hpp>
 #include <rotavg/solve/solve.hpp>
+#include <rotavg/solve/staircase.hpp>
 #include <rotavg/solve/stopwatch.hpp>
 
 #pragma GCC diagnostic push
@@ -35,7 +38,7 @@ namespace rotavg {
 
 namespace detail {
 
-/// One call of solve(): from a start to a certified answer, and a second one where that is refuted.
+/// One call of solve(): from a start to a certified answer, and others where that is refuted.
 class AnisotropicRun {
  public:
   AnisotropicRun(const AnisotropicGraph& graph, const SolveOptions& options)
@@ -43,29 +46,40 @@ class AnisotropicRun {
         options_(options),
         components_(connected_components(graph.scalar())),
         eliminations_(grounded_eliminations(graph.scalar(), components_,
-                                            resolve_num_threads(options.iteration.num_threads))) {}
+                                            resolve_num_threads(options.iteration.num_threads))),
+        lower_bounds_(components_.nodes.size()) {}
 
   Solution operator()(std::optional<Rotations> start) {
     Solution solution;
     const Rotations R =
         start ? checked_rotations(graph_.scalar(), *std::move(start)) : initial_value(solution);
     solution.timings.init = watch_.seconds();
-    descend(R, solution);
-    constexpr int most_times = 3;
-    for (int k = 0; k < most_times && is_scalar_first() && polish(solution); ++k) {
+    if (options_.method == Method::staircase && options_.max_rank >= first_rank) {
+      climb(R, solution);
+    } else {
+      descend(R, solution);
     }
-    if (is_scalar_first() && is_refuted(solution)) try_chordal_start(solution);
-    if (is_scalar_first() && is_refuted(solution)) try_scalar_staircase(solution);
+    constexpr int most_times = 3;
+    for (int k = 0; k < most_times && chooses() && polish(solution); ++k) {
+    }
+    if (chooses() && is_refuted(solution)) try_chordal_start(solution);
+    if (options_.method == Method::automatic && options_.max_rank >= first_rank &&
+        is_refuted(solution)) {
+      climb(solution.rotations, solution);
+    }
     return solution;
   }
 
  private:
   static constexpr double max_flops = 5e10;
+  static constexpr int first_rank = StaircaseOf<Minorant>::first_rank;
 
-  bool is_scalar_first() const {
+  /// Whether the descent is left to choose.
+  bool chooses() const {
     return options_.method == Method::automatic || options_.method == Method::staircase ||
            options_.method == Method::bcdsr;
   }
+  bool is_scalar_first() const { return chooses() && options_.method != Method::staircase; }
   double time_left() const { return options_.iteration.time_limit - watch_.seconds(); }
   bool may_go_on(const Solution& solution) const {
     return time_left() > 0.0 && solution.iterations < options_.iteration.max_iterations &&
@@ -118,8 +132,8 @@ class AnisotropicRun {
       return time_left() > 0.0 &&
              (!options_.iteration.keep_going || options_.iteration.keep_going());
     };
-    solution.certificate =
-        rotavg::certify(graph_, solution.rotations, components_, eliminations_, certificate);
+    solution.certificate = rotavg::certify(graph_, solution.rotations, components_, eliminations_,
+                                           certificate, lower_bounds_);
     solution.timings.certify += watch_.seconds() - solved;
   }
 
@@ -192,20 +206,118 @@ class AnisotropicRun {
     try_from(*R, "the chordal start", std::move(second), solution);
   }
 
-  /// From where the staircase of the scalar problem leads, whose basins are much the same.
-  void try_scalar_staircase(Solution& solution) {
-    const double before = watch_.seconds();
-    SolveOptions climbing = options_;
-    climbing.method = Method::staircase;
-    climbing.certify = true;
-    climbing.iteration = limits(solution);
-    climbing.iteration.callback = nullptr;
-    const Solution scalar = rotavg::solve(graph_.scalar(), climbing, solution.rotations);
-    Solution second = continued(solution);
-    second.init = solution.init;
-    second.iterations += scalar.iterations;
-    second.timings.init += watch_.seconds() - before;
-    try_from(scalar.rotations, "the staircase without covariances", std::move(second), solution);
+  /// Up the staircase of the minorant, and down from every step, in all components that are not
+  /// proved, until they are, or its relaxation is solved, or a limit is reached; then that is a
+  /// bound.
+  /// @param R where to start
+  /// @param solution not run yet, or what is refuted at R; the better one stays
+  void climb(const Rotations& R, Solution& solution) {
+    double before = watch_.seconds();
+    const int num_threads = resolve_num_threads(options_.iteration.num_threads, graph_.num_edges());
+    const Minorant minorant(graph_, to_quaternions(R), num_threads);
+    const auto keep_going = [this] {
+      return time_left() > 0.0 &&
+             (!options_.iteration.keep_going || options_.iteration.keep_going());
+    };
+    std::vector<std::unique_ptr<StaircaseOf<Minorant>>> stairs(components_.nodes.size());
+    const auto is_proved = [&](Index c) {
+      const auto& parts = solution.certificate.components;
+      return !parts.empty() && parts[c].verdict == Verdict::proved;
+    };
+    for (Index c = 0; c < components_.size(); ++c) {
+      if (components_.nodes[c].size() < 2 || is_proved(c)) continue;
+      stairs[c] = std::make_unique<StaircaseOf<Minorant>>(
+          minorant, components_, c, eliminations_[c], R, max_flops, keep_going);
+    }
+    Index rank = 3;
+    int climbed = 0;
+    bool better = false;
+    for (bool first = true; first || may_go_on(solution); first = false) {
+      Rotations top = solution.status == Status::not_run ? R : solution.rotations;
+      bool moved = false;
+      int iterations = 0;
+      for (Index c = 0; c < components_.size(); ++c) {
+        StaircaseOf<Minorant>* const part = stairs[c].get();
+        if (!part || (!first && is_proved(c))) continue;
+        const int spent = part->iterations();
+        if (first) {
+          part->settle(limits(solution));
+          moved = true;
+        } else if (part->next_rank() > options_.max_rank || !part->climb(limits(solution))) {
+          continue;
+        }
+        moved = true;
+        iterations += part->iterations() - spent;
+        rank = std::max(rank, part->rank());
+        const Rotations part_R = part->rounded();
+        const std::vector<Index>& nodes = components_.nodes[c];
+        for (std::size_t a = 0; a < nodes.size(); ++a) top[nodes[a]] = part_R[a];
+      }
+      if (!moved) break;
+      climbed += iterations;
+      Solution next = continued(solution);
+      next.init = solution.init;
+      next.iterations += iterations;
+      next.timings.solve += watch_.seconds() - before;
+      descend(top, next);
+      better |= keep_better(std::move(next), solution);
+      if (options_.certify && solution.certificate.verdict == Verdict::proved) break;
+      before = watch_.seconds();
+    }
+    if (options_.certify && solution.certificate.verdict != Verdict::proved && keep_going()) {
+      before = watch_.seconds();
+      for (Index c = 0; c < components_.size(); ++c) {
+        if (stairs[c] && !is_proved(c)) lower_bounds_[c] = stairs[c]->lower_bound();
+      }
+      solution.timings.certify += watch_.seconds() - before;
+      certify(solution);
+    }
+    if (better) solution.method = Method::staircase;
+    solution.reason += "; the staircase climbed to rank " + std::to_string(rank) + " in " +
+                       std::to_string(climbed) + " iterations and did " +
+                       (better ? "better" : "no better");
+  }
+
+  /// In every component the better answer stays.
+  /// @returns whether any of `next` has
+  bool keep_better(Solution next, Solution& solution) {
+    if (solution.status == Status::not_run) {
+      solution = std::move(next);
+      return true;
+    }
+    const auto f = objectives(solution.rotations), g = objectives(next.rotations);
+    Index better = 0, worse = 0;
+    for (Index c = 0; c < components_.size(); ++c) {
+      better += g[c] < f[c];
+      worse += g[c] > f[c];
+    }
+    solution.timings = next.timings;
+    if (better == 0) {
+      solution.iterations = next.iterations;
+      return false;
+    }
+    next.reason = solution.reason;
+    if (worse > 0) {  // some of each
+      Rotations R = next.rotations;
+      for (Index c = 0; c < components_.size(); ++c) {
+        if (!(g[c] > f[c])) continue;
+        for (const Index i : components_.nodes[c]) R[i] = solution.rotations[i];
+      }
+      descend(R, next);
+      next.reason = solution.reason;
+    }
+    solution = std::move(next);
+    return true;
+  }
+
+  /// Of every component.
+  std::vector<double> objectives(const Rotations& R) const {
+    const AnisotropicResiduals residuals(graph_, to_quaternions(R), 1);
+    std::vector<double> sums(components_.nodes.size(), 0.0);
+    for (Index k = 0; k < graph_.num_edges(); ++k) {
+      sums[components_.label[graph_.scalar().edges()[k].i]] += residuals()[k].cost;
+    }
+    return sums;
   }
 
   /// Nothing yet, after the iterations and the time that were spent.
@@ -232,6 +344,7 @@ class AnisotropicRun {
   const Stopwatch watch_;
   const Components components_;
   std::vector<Elimination> eliminations_;
+  std::vector<LowerBound> lower_bounds_;  ///< on the optimum of every component
 };
 
 }  // namespace detail

@@ -14,6 +14,24 @@
 
 namespace rotavg {
 
+/// tr(A) / 2 I - A. The inverse of that is A -> tr(A) I - A.
+inline Matrix3 half_trace_less(const Matrix3& A) {
+  Matrix3 result = -A;
+  add_to_diagonal(result, 0.5 * A.trace());
+  return result;
+}
+
+/// What the closed form gives up of a precision T, see EdgeSplits.
+inline Matrix3 closed_form_split(const Matrix3& T) {
+  constexpr double share = 0.2;  // of m2 + m3, to m3
+  const SymmetricEigen eigen = symmetric_eigen(half_trace_less(T));
+  const double m3 = eigen.values(0), m2 = eigen.values(1);
+  const double c = share * std::max(0.0, m2 + m3) - m3;
+  if (!(c > 0.0)) return Matrix3::Zero();
+  const Vector3 u = eigen.vectors.col(0);
+  return outer_product(2.0 * c * u, u);
+}
+
 /// What Theorem 1 does not know: that X_ij = R_i^T R_j is a rotation for every edge.
 ///
 /// For a symmetric P, over X in SO(3) turned into the global frame, -tr(P X) is least at X = I if
@@ -45,17 +63,9 @@ class EdgeSplits {
  public:
   /// The closed form, at some rotations.
   /// @param residuals must outlive this object
-  explicit EdgeSplits(const AnisotropicResiduals& residuals)
-      : residuals_(&residuals), Q_(residuals().size(), Matrix3::Zero()) {
-    constexpr double share = 0.2;  // of m2 + m3, to m3
-    for (std::size_t k = 0; k < Q_.size(); ++k) {
-      const SymmetricEigen eigen = symmetric_eigen(half_trace_less(residuals()[k].T));  // sym(G)
-      const double m3 = eigen.values(0), m2 = eigen.values(1);
-      const double c = share * std::max(0.0, m2 + m3) - m3;
-      if (!(c > 0.0)) continue;
-      const Vector3 u = eigen.vectors.col(0);
-      Q_[k] = outer_product(2.0 * c * u, u);
-    }
+  explicit EdgeSplits(const AnisotropicResiduals& residuals) : residuals_(&residuals) {
+    Q_.reserve(residuals().size());
+    for (const EdgeForce& edge : residuals()) Q_.push_back(closed_form_split(edge.T));  // of sym(G)
   }
 
   const AnisotropicResiduals& residuals() const { return *residuals_; }
@@ -84,13 +94,6 @@ class EdgeSplits {
   }
 
  private:
-  /// tr(T) / 2 I - T: its own inverse is tr(A) I - A.
-  static Matrix3 half_trace_less(const Matrix3& T) {
-    Matrix3 A = -T;
-    add_to_diagonal(A, 0.5 * T.trace());
-    return A;
-  }
-
   const AnisotropicResiduals* residuals_;
   std::vector<Matrix3> Q_;
 };

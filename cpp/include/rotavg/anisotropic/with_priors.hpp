@@ -7,6 +7,8 @@
 #include <rotavg/compiled.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/reduction/prior_precisions.hpp>
+#include <rotavg/solve/options.hpp>
+#include <rotavg/solve/result.hpp>
 #include <rotavg/solve/solution.hpp>
 #include <rotavg/types.hpp>
 
@@ -29,6 +31,18 @@ ROTAVG_INLINE Solution solve(const GroundedGraph& problem, const GroundedPrecisi
 ROTAVG_INLINE Certificate certify(const GroundedGraph& problem,
                                   const GroundedPrecisions& precisions, const Rotations& given,
                                   const CertificateOptions& options = {});
+
+/// A local minimum of the sum of r^T H r, r = log(R_ij^T R_i^T R_j), with priors, as
+/// refine_anisotropic() of a MeasurementGraph. With u the precision of a prior of weight 1, an
+/// absolute prior of weight w adds u w |log(P^T R_i)|^2, and gravity u w theta^2, theta the angle
+/// between R_i d and g. What rides on a frame or on the world turns its precision with it.
+///
+/// @param start one rotation for each given node, in the world of the priors
+/// @throws std::invalid_argument unless there is a precision for each given measurement
+ROTAVG_INLINE IterationResult refine_anisotropic(const GroundedGraph& problem,
+                                                 const GroundedPrecisions& precisions,
+                                                 const Rotations& start,
+                                                 const IterationOptions& options = {});
 
 }  // namespace rotavg
 

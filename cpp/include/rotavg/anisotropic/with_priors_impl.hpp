@@ -12,9 +12,12 @@
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/reduction/alignment.hpp>
+#include <rotavg/reduction/prior_objective.hpp>
 #include <rotavg/reduction/reduced_graph.hpp>
+#include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/so3/small_products.hpp>
+#include <rotavg/solve/logarithms.hpp>
 
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
@@ -29,6 +32,13 @@ inline double anisotropic_cost(const Matrix3& R_i, const Matrix3& i_from_j, cons
   const Matrix3 error = transposed_product(product(R_i, i_from_j), R_j);
   const Vector3 v = vector_part(to_quaternion(error).coeffs());
   return 4.0 * dot(v, product(H, v));
+}
+
+/// r^T H r of an edge.
+inline double log_cost(const Matrix3& R_i, const Matrix3& i_from_j, const Matrix3& R_j,
+                       const Matrix3& H) {
+  const Vector3 r = log_so3(transposed_product(product(R_i, i_from_j), R_j));
+  return dot(r, product(H, r));
 }
 
 /// What absolute priors and gravity cost, node by node: add(node, cost, tr(H)).
@@ -48,8 +58,12 @@ void add_prior_costs(const GroundedGraph& problem, const GroundedPrecisions& pre
 
 /// What is the same whatever the variables are: the edges whose two ends ride on one, and the
 /// priors of nodes that ride on the world.
-inline double cost_of_what_is_held(const GroundedGraph& problem,
-                                   const GroundedPrecisions& precisions, const Rotations& R) {
+/// @param edge_cost of a measurement: anisotropic_cost or log_cost
+/// @param prior_costs (n,) of the nodes, for a weight 1 of the precision 2
+template <typename EdgeCost>
+double cost_of_what_is_held(const GroundedGraph& problem, const GroundedPrecisions& precisions,
+                            const Rotations& R, EdgeCost&& edge_cost,
+                            const std::vector<double>& prior_costs) {
   const auto& given = problem.given().edges();
   std::vector<bool> is_kept(given.size(), false);
   for (const Index k : problem.kept()) is_kept[k] = true;
@@ -57,12 +71,12 @@ inline double cost_of_what_is_held(const GroundedGraph& problem,
   for (std::size_t k = 0; k < given.size(); ++k) {
     const Edge& e = given[k];
     if (is_kept[k]) continue;
-    sum += anisotropic_cost(R[e.i], e.i_from_j(), R[e.j], precisions.measurements[k]);
+    sum += edge_cost(R[e.i], e.i_from_j(), R[e.j], precisions.measurements[k]);
   }
   if (!problem.has_world()) return sum;
-  add_prior_costs(problem, precisions, R, [&](Index node, double cost, double) {
-    if (problem.riding().variable[node] == 0) sum += cost;
-  });
+  for (std::size_t i = 0; i < prior_costs.size(); ++i) {
+    if (problem.riding().variable[i] == 0) sum += 0.5 * precisions.prior * prior_costs[i];
+  }
   return sum;
 }
 
@@ -119,10 +133,29 @@ ROTAVG_INLINE Solution solve(const GroundedGraph& problem, const GroundedPrecisi
   Solution solution = solve(graph, options, problem.variables_from(R));
   solution.rotations = problem.nodes_from(headed(problem, solution.rotations));
   solution.components = components_of_nodes(problem.riding(), problem.components());
-  const double held = detail::cost_of_what_is_held(problem, precisions, solution.rotations);
+  const double held = detail::cost_of_what_is_held(problem, precisions, solution.rotations,
+                                                   detail::anisotropic_cost,
+                                                   prior_costs(problem, solution.rotations));
   solution.objective += held;
   for (Progress& progress : solution.trace) progress.objective += held;
   return solution;
+}
+
+ROTAVG_INLINE IterationResult refine_anisotropic(const GroundedGraph& problem,
+                                                 const GroundedPrecisions& precisions,
+                                                 const Rotations& start,
+                                                 const IterationOptions& options) {
+  const std::vector<Matrix3> information = precisions_of_edges(problem, precisions);
+  const LogObjective objective(problem.graph(), information, problem.gravity());
+  const Rotations R = checked_rotations(problem.given(), start);
+  IterationResult result = minimise_logarithms(objective, problem.variables_from(R), options);
+  result.rotations = problem.nodes_from(headed(problem, result.rotations));
+  const double held =
+      detail::cost_of_what_is_held(problem, precisions, result.rotations, detail::log_cost,
+                                   log_prior_costs(problem, result.rotations));
+  result.objective += held;
+  for (Progress& progress : result.trace) progress.objective += held;
+  return result;
 }
 
 ROTAVG_INLINE Certificate certify(const GroundedGraph& problem,

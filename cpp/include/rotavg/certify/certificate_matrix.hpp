@@ -54,11 +54,6 @@ class NodeSums {
     });
   }
 
-  /// Of a lifted point, which has diagonal blocks of its own.
-  /// @param residuals must outlive this object
-  NodeSums(const ResidualQuaternions& residuals, std::vector<Matrix3> diagonal)
-      : residuals_(residuals), diagonal_(std::move(diagonal)) {}
-
   const MeasurementGraph& graph() const { return residuals_.graph(); }
   const ResidualQuaternions& residuals() const { return residuals_; }
   /// sum_j w sym E_ij = sum_j w I - 2 (|v|^2 I - v v^T)
@@ -110,14 +105,6 @@ class CertificateMatrix {
         component_(component),
         nodes_(components.nodes[component]) {}
 
-  /// S of a lifted point (problem/lifted.hpp), whose null vectors are others.
-  /// @param null_vectors 3n x k, orthonormal
-  CertificateMatrix(const NodeSums& sums, const Components& components, Index component,
-                    Eigen::MatrixXd null_vectors)
-      : CertificateMatrix(sums, components, component) {
-    lifted_null_vectors_ = std::move(null_vectors);
-  }
-
   const MeasurementGraph& graph() const { return sums_.graph(); }
   const ResidualQuaternions& residuals() const { return sums_.residuals(); }
   const Components& components() const { return components_; }
@@ -165,10 +152,8 @@ class CertificateMatrix {
     return X;
   }
 
-  /// N / sqrt(n), 3n x 3, orthonormal: the null vectors of S at a stationary point. (Of a lifted
-  /// point there may be more.)
+  /// N / sqrt(n), 3n x 3, orthonormal: the null vectors of S at a stationary point.
   Eigen::MatrixXd null_vectors() const {
-    if (lifted_null_vectors_.size() > 0) return lifted_null_vectors_;
     Eigen::MatrixXd N = Eigen::MatrixXd::Zero(size(), 3);
     const double entry = 1.0 / std::sqrt(double(num_nodes()));
     for (Eigen::Index row = 0; row < size(); ++row) N(row, row % 3) = entry;
@@ -177,9 +162,6 @@ class CertificateMatrix {
 
   /// S N: -skew(sum_j E_ij) = -[g_i / 4] with g the gradient.
   Eigen::MatrixXd leftover() const {
-    if (lifted_null_vectors_.size() > 0) {
-      return std::sqrt(double(num_nodes())) * apply(lifted_null_vectors_);
-    }
     Eigen::MatrixXd K(size(), 3);
     for (Index a = 0; a < num_nodes(); ++a) {
       const Matrix3 K_a = hat(-0.25 * sums_.gradient(nodes_[a]));
@@ -279,7 +261,6 @@ class CertificateMatrix {
   const Components& components_;
   Index component_;
   const std::vector<Index>& nodes_;
-  Eigen::MatrixXd lifted_null_vectors_;
 };
 
 }  // namespace rotavg

@@ -267,9 +267,9 @@ inline ComponentBound bound_by_grounded_factorization(const CertificateMatrix& S
 /// eigenvalue that the factor gives; where that fails, it was not the smallest, which is unknown.
 ///
 /// @param elimination of all nodes
-inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
-                                                     Elimination& elimination,
-                                                     const std::function<bool()>& keep_going) {
+template <typename Matrix>
+ComponentBound bound_by_shifted_factorization(const Matrix& S, Elimination& elimination,
+                                              const std::function<bool()>& keep_going) {
   ComponentBound bound;
   const BlockCholesky<3>::Blocks blocks = S.blocks(elimination);
   BlockCholesky<3> cholesky(elimination.symbolic(), elimination.num_threads());
@@ -313,9 +313,12 @@ inline ComponentBound bound_by_shifted_factorization(const CertificateMatrix& S,
 
 /// The bound where S need not be positive definite without its first node: by a shifted
 /// factorisation, or, where that would take more than `max_flops`, an estimate.
-inline ComponentBound bound_certificate_matrix(const CertificateMatrix& S, double max_flops,
-                                               const std::function<bool()>& keep_going,
-                                               int num_threads = 1) {
+///
+/// @tparam Matrix CertificateMatrix, or LiftedCertificateMatrix
+template <typename Matrix>
+ComponentBound bound_certificate_matrix(const Matrix& S, double max_flops,
+                                        const std::function<bool()>& keep_going,
+                                        int num_threads = 1) {
   Elimination whole(S.graph(), S.components(), S.component(), /*skipped=*/0, num_threads);
   if (whole.flops(3, max_flops) > max_flops) return bound_by_eigenvalue(S, keep_going);
   return bound_by_shifted_factorization(S, whole, keep_going);

@@ -1,24 +1,20 @@
 #pragma once
 
-#include <array>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
+#include <algorithm>
 #include <memory>
-#include <random>
 #include <utility>
 #include <vector>
 
 #include <Eigen/Core>
 
 #include <rotavg/certify/certificate_matrix.hpp>
+#include <rotavg/certify/operator_columns.hpp>
 #include <rotavg/graph/half_edge_rows.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/prefetch.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/so3/quaternion.hpp>
-#include <rotavg/so3/random.hpp>
 #include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
@@ -36,16 +32,15 @@ struct LocalOperatorNode {
 /// of the iterations that factorise nothing. Its spectrum lies below 2.
 ///
 /// It works in local frames, where S = Lambda(R) - Rt has the measurements themselves beside the
-/// diagonal: they are read in order, once per product, from rows of their own. And
-/// it works on z = D^-1/2 y, C columns side by side, in the inner product z^T D z = |y|^2.
+/// diagonal: they are read in order, once per product, from rows of their own.
 ///
 /// @tparam C columns
 template <int C>
-class LocalOperator {
+class LocalOperator : public OperatorColumns<LocalOperator<C>, C> {
  public:
-  using Block = Eigen::Matrix<double, 3, C>;
-  using Vectors = std::vector<Block, Eigen::aligned_allocator<Block>>;  ///< one for each node
-  using Row = std::array<double, C>;
+  using Columns = OperatorColumns<LocalOperator<C>, C>;
+  using Block = typename Columns::Block;
+  using Vectors = typename Columns::Vectors;
 
   /// @param S must outlive this object
   /// @param q world_from_i, of every node of the graph: where S was taken
@@ -114,10 +109,10 @@ class LocalOperator {
 
   /// Onto the complement: N^T D z = 0, with a block R_i^T of N for every node.
   void project(Vectors& z) const {
-    auto mean = block_sum<Sum<3 * C>>(num_nodes(), num_threads_, [&](Index a) {
+    auto mean = block_sum<Sums<3 * C>>(num_nodes(), num_threads_, [&](Index a) {
       Block turned = Block::Zero();
       add_product(nodes_[a].R, z[a], turned);
-      Sum<3 * C> along;
+      Sums<3 * C> along;
       for (int k = 0; k < 3 * C; ++k) along.value[k] = nodes_[a].degree * turned(k);
       return along;
     });
@@ -131,53 +126,9 @@ class LocalOperator {
     });
   }
 
-  /// Of every column of x and of y, x^T D y.
-  Row products(const Vectors& x, const Vectors& y) const {
-    const auto sums = block_sum<Sum<C>>(num_nodes(), num_threads_, [&](Index a) {
-      Sum<C> products;
-      for (int c = 0; c < C; ++c) {
-        products.value[c] = nodes_[a].degree * (x[a](0, c) * y[a](0, c) + x[a](1, c) * y[a](1, c) +
-                                                x[a](2, c) * y[a](2, c));
-      }
-      return products;
-    });
-    Row row;
-    for (int c = 0; c < C; ++c) row[static_cast<std::size_t>(c)] = sums.value[c];
-    return row;
-  }
-
-  /// Columns that are uniform on the unit sphere of the complement.
-  Vectors random(std::uint64_t seed) const {
-    constexpr double two_pi = 6.283185307179586;
-    std::mt19937_64 generator(seed);
-    Vectors z(nodes_.size());
-    for (Index a = 0; a < num_nodes(); ++a) {  // y is normal (Box and Muller)
-      for (Eigen::Index k = 0; k < z[a].size(); ++k) {
-        const double radius = std::sqrt(-2.0 * std::log1p(-random_unit(generator)));
-        z[a](k) = radius * std::cos(two_pi * random_unit(generator)) / std::sqrt(nodes_[a].degree);
-      }
-    }
-    project(z);
-    const Row squares = products(z, z);
-    for (Block& block : z) {
-      for (Eigen::Index k = 0; k < block.size(); ++k) block(k) /= std::sqrt(squares[k / 3]);
-    }
-    return z;
-  }
-
  private:
   template <int K>
   friend class LocalOperator;
-
-  /// Several sums at once.
-  template <int N>
-  struct Sum {
-    double value[N] = {};
-    Sum& operator+=(const Sum& other) {
-      for (int k = 0; k < N; ++k) value[k] += other.value[k];
-      return *this;
-    }
-  };
 
   /// y += A x.
   static void add_product(const Matrix3& A, const Block& x, Block& y) {

@@ -51,9 +51,11 @@ inline double value_or_nan(const Eigenpair& pair) {
 
 /// The smallest eigenpair of S, given a start and a preconditioner close to the inverse of S (or of
 /// S + shift).
-inline Eigenpair min_eigenvalue(const CertificateMatrix& S, const Eigen::MatrixXd& start,
-                                const LinearOperator& preconditioner,
-                                const std::function<bool()>& keep_going) {
+/// @tparam Matrix CertificateMatrix, or LiftedCertificateMatrix
+template <typename Matrix>
+Eigenpair min_eigenvalue(const Matrix& S, const Eigen::MatrixXd& start,
+                         const LinearOperator& preconditioner,
+                         const std::function<bool()>& keep_going) {
   LobpcgOptions options;
   options.tolerance = 1e-12 * S.max_degree();
   options.value_tolerance = 1e-14 * S.max_degree();
@@ -67,10 +69,10 @@ inline Eigenpair min_eigenvalue(const CertificateMatrix& S, const Eigen::MatrixX
 /// of itself: positive at a strict optimum, negative where S refutes R. No factorisation: only the
 /// degrees are a preconditioner.
 /// @param near a vector to start from, beside a random one
-inline Eigenpair min_eigenvalue_on_complement(const CertificateMatrix& S,
-                                              const std::function<bool()>& keep_going,
-                                              double relative_tolerance, int max_iterations,
-                                              const Eigen::MatrixXd& near = {}) {
+template <typename Matrix>
+Eigenpair min_eigenvalue_on_complement(const Matrix& S, const std::function<bool()>& keep_going,
+                                       double relative_tolerance, int max_iterations,
+                                       const Eigen::MatrixXd& near = {}) {
   LobpcgOptions options;
   options.tolerance = 0.0;
   options.relative_tolerance = relative_tolerance;
@@ -87,12 +89,13 @@ inline Eigenpair min_eigenvalue_on_complement(const CertificateMatrix& S,
 /// lambda_min(S) where S is positive on the complement of its null vectors: their part of the
 /// leftover K = S N makes it less than zero by little.
 /// @param lowest what it is not below
-inline double lambda_min_near_null_vectors(const CertificateMatrix& S, const Eigen::MatrixXd& K,
-                                           double lowest, const std::function<bool()>& keep_going) {
+template <typename Matrix>
+double lambda_min_near_null_vectors(const Matrix& S, const Eigen::MatrixXd& K, double lowest,
+                                    const std::function<bool()>& keep_going) {
   if (lowest >= -1e-13 * S.max_degree()) return lowest;
-  Eigen::MatrixXd start(S.size(), 6);
-  start.leftCols(3) = S.null_vectors();
-  start.rightCols(3) = S.divide_by_degree(K);
+  Eigen::MatrixXd start(S.size(), 2 * K.cols());
+  start.leftCols(K.cols()) = S.null_vectors();
+  start.rightCols(K.cols()) = S.divide_by_degree(K);
   return value_or_nan(min_eigenvalue(
       S, start, [&](const Eigen::MatrixXd& X) { return S.divide_by_degree(X); }, keep_going));
 }
@@ -103,10 +106,9 @@ inline double lambda_min_near_null_vectors(const CertificateMatrix& S, const Eig
 /// of [0, epsilon; epsilon, theta].
 ///
 /// @param near a vector to start from, beside a random one
-inline ComponentBound bound_by_eigenvalue(const CertificateMatrix& S,
-                                          const std::function<bool()>& keep_going,
-                                          int max_iterations = 1000,
-                                          const Eigen::MatrixXd& near = {}) {
+template <typename Matrix>
+ComponentBound bound_by_eigenvalue(const Matrix& S, const std::function<bool()>& keep_going,
+                                   int max_iterations = 1000, const Eigen::MatrixXd& near = {}) {
   const Eigenpair pair = min_eigenvalue_on_complement(S, keep_going, 0.1, max_iterations, near);
   const double theta = pair.value - pair.residual;
   const Eigen::MatrixXd K = S.leftover();

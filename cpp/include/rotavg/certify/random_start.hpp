@@ -263,25 +263,38 @@ class RandomStart : public RandomStartOf<LocalOperator> {
 ///     f(R) - f* <= |D^-1/2 K|_F^2 / cut
 ///
 /// (as in certify/connectivity.hpp); the rounding of K is added.
-inline ComponentBound bound_by_random_start(const CertificateMatrix& S, double cut,
-                                            const std::function<bool()>& keep_going) {
-  const Eigen::MatrixXd K = S.leftover();
-  double square = 0.0, rounding = 0.0, degrees = 0.0;
-  for (Index a = 0; a < S.num_nodes(); ++a) {
-    const double degree = S.graph().degree(S.nodes()[a]);
-    square += K.middleRows<3>(3 * a).squaredNorm() / degree;
-    rounding += S.leftover_rounding(a) / degree;
-    degrees += degree;
+///
+/// @param K 3n x 3
+/// @param degree (a): D at row a
+/// @param rounding (a): a bound on the square of what rounding can have done to the block of K at a
+template <typename Degree, typename Rounding>
+ComponentBound bound_by_random_start(const Eigen::MatrixXd& K, double cut, Degree&& degree,
+                                     Rounding&& rounding) {
+  double square = 0.0, error = 0.0, total = 0.0, largest = 0.0;
+  for (Index a = 0; a < static_cast<Index>(K.rows() / 3); ++a) {
+    const double d = degree(a);
+    square += K.middleRows<3>(3 * a).squaredNorm() / d;
+    error += rounding(a) / d;
+    total += d;
+    largest = std::max(largest, d);
   }
-  const double root = std::sqrt(square) + std::sqrt(rounding);
+  const double root = std::sqrt(square) + std::sqrt(error);
   ComponentBound bound;
   bound.method = CertificateMethod::random_start;
   bound.is_definite = true;
   bound.gap = (1.0 + 1e-9) * root * root / cut;
-  bound.rounding = rounding / cut;
-  // |c|^2 <= max d / sum d |x|^2
-  bound.lambda_min =
-      lambda_min_near_null_vectors(S, K, -bound.gap * S.max_degree() / degrees, keep_going);
+  bound.rounding = error / cut;
+  bound.lambda_min = -bound.gap * largest / total;  // not below: |c|^2 <= max d / sum d |x|^2
+  return bound;
+}
+
+inline ComponentBound bound_by_random_start(const CertificateMatrix& S, double cut,
+                                            const std::function<bool()>& keep_going) {
+  const Eigen::MatrixXd K = S.leftover();
+  ComponentBound bound = bound_by_random_start(
+      K, cut, [&](Index a) { return S.graph().degree(S.nodes()[a]); },
+      [&](Index a) { return S.leftover_rounding(a); });
+  bound.lambda_min = lambda_min_near_null_vectors(S, K, bound.lambda_min, keep_going);
   return bound;
 }
 

@@ -53,19 +53,35 @@ inline Matrix3 transposed_block(const Eigen::MatrixXd& X, Index a) {
   return T;
 }
 
+/// The block E_ij of an edge or, at its other end, E_ij^T.
+inline Matrix3 connection_block(const ResidualQuaternions& residuals, Index edge, bool is_i) {
+  const Quaternion e(residuals()[edge]);
+  return weighted_rotation(is_i ? e : e.conjugate());
+}
+/// At least the sum of |E_ij| at node i.
+inline double connection_degree(const ResidualQuaternions& residuals, Index i) {
+  return residuals.graph().degree(i);
+}
+/// What the rounding of the objective is relative to.
+inline double connection_weight(const ResidualQuaternions& residuals) {
+  return residuals.graph().total_weight();
+}
+
 /// E X with E the symmetric matrix of the blocks E_ij = w R_i R_ij R_j^T of one component, n nodes:
 /// Rt in the global frame.
 ///
+/// @tparam Connection ResidualQuaternions or, of other blocks, a class with graph(), num_threads()
+///         and these functions: connection_block(), connection_degree(), connection_weight(),
+///         connection_laplacian() and lifted_cost() (problem/lifted.hpp)
 /// @param X 3n x k
-inline Eigen::MatrixXd apply_connection(const ResidualQuaternions& residuals,
-                                        const Components& components, Index component,
-                                        const Eigen::MatrixXd& X) {
+template <typename Connection>
+Eigen::MatrixXd apply_connection(const Connection& connection, const Components& components,
+                                 Index component, const Eigen::MatrixXd& X) {
   const std::vector<Index>& nodes = components.nodes[component];
   Eigen::MatrixXd Y = Eigen::MatrixXd::Zero(X.rows(), X.cols());
-  parallel_for(static_cast<Index>(nodes.size()), residuals.num_threads(), [&](Index a) {
-    for (const HalfEdge& h : residuals.graph().row(nodes[a])) {
-      const Quaternion e(residuals()[h.edge()]);
-      const Matrix3 E = weighted_rotation(h.is_i() ? e : e.conjugate());
+  parallel_for(static_cast<Index>(nodes.size()), connection.num_threads(), [&](Index a) {
+    for (const HalfEdge& h : connection.graph().row(nodes[a])) {
+      const Matrix3 E = connection_block(connection, h.edge(), h.is_i());
       add_block_product(E, X, components.row_in_component[h.node], Y, a);
     }
   });

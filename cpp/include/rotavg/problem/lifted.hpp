@@ -34,6 +34,26 @@ struct LiftedPoint {
   std::vector<Matrix3> Lambda;  ///< sym(sum_j E_ij Z_j Z_i^T), one for each node of the component
 };
 
+/// What an edge costs at a lifted point, w |E^T Z_a - Z_b|_F^2 with E of length one, a and b the
+/// rows of its ends i and j.
+inline double lifted_cost(const ResidualQuaternions& residuals, Index edge, const LiftedBlocks& Z,
+                          Index a, Index b) {
+  const Quaternion e(residuals()[edge]);
+  const double w = e.squaredNorm();
+  Matrix3 E = weighted_rotation(e);
+  E /= w;
+  double squares = 0.0;
+  for (Eigen::Index c = 0; c < Z.cols(); ++c) {
+    const double* const z_a = Z.data() + c * Z.rows() + 3 * a;
+    const double* const z_b = Z.data() + c * Z.rows() + 3 * b;
+    for (int r = 0; r < 3; ++r) {
+      const double d = E(0, r) * z_a[0] + E(1, r) * z_a[1] + E(2, r) * z_a[2] - z_b[r];
+      squares += d * d;
+    }
+  }
+  return w * squares;
+}
+
 /// The problem (3) on one component with rotations lifted to p dimensions (Burer and Monteiro 2003;
 /// Boumal 2015): with p x 3 blocks Y_i instead of R_i, Y_i^T Y_i = I, minimise
 ///
@@ -42,22 +62,26 @@ struct LiftedPoint {
 /// Y^T Y is feasible for the relaxation (6), so at p = 3n this is the relaxation itself; from some
 /// small p on, it has no local minima but the global ones. It is written in the global frame of
 /// some rotations R, with Z_i = R_i Y_i^T and E_ij = w R_i R_ij R_j^T, where Z_i = [I 0] stands for
-/// R itself.
-class LiftedProblem {
+/// R itself. The blocks need not be those of weights: any will do whose objective is const - tr(Z^T
+/// E Z).
+///
+/// @tparam Connection the blocks E_ij at R (problem/connection.hpp)
+template <typename Connection>
+class LiftedProblemOf {
  public:
-  /// @param residuals at the rotations R; must, like components, outlive this object
-  LiftedProblem(const ResidualQuaternions& residuals, const Components& components, Index component)
-      : residuals_(residuals),
+  /// @param connection at the rotations R; must, like components, outlive this object
+  LiftedProblemOf(const Connection& connection, const Components& components, Index component)
+      : connection_(connection),
         components_(components),
         component_(component),
         nodes_(components.nodes[component]) {}
 
-  const ResidualQuaternions& residuals() const { return residuals_; }
+  const Connection& connection() const { return connection_; }
   const Components& components() const { return components_; }
   Index component() const { return component_; }
   const std::vector<Index>& nodes() const { return nodes_; }
   Index num_nodes() const { return static_cast<Index>(nodes_.size()); }
-  double degree(Index a) const { return residuals_.graph().degree(nodes_[a]); }
+  double degree(Index a) const { return connection_degree(connection_, nodes_[a]); }
 
   /// The rotations R, in the dimensions that Z already has.
   LiftedBlocks unlifted() const {
@@ -68,7 +92,7 @@ class LiftedProblem {
 
   LiftedPoint evaluate(LiftedBlocks Z) const {
     LiftedPoint at;
-    at.gradient = apply_connection(residuals_, components_, component_, Z);
+    at.gradient = apply_connection(connection_, components_, component_, Z);
     at.Lambda.resize(nodes_.size());
     for (Index a = 0; a < num_nodes(); ++a) {
       at.Lambda[a] = symmetric_part(outer_product(at.gradient, Z, a));  // of E Z
@@ -84,25 +108,11 @@ class LiftedProblem {
   }
 
   double objective(const LiftedBlocks& Z) const {
-    return block_sum<double>(num_nodes(), residuals_.num_threads(), [&](Index a) {
+    return block_sum<double>(num_nodes(), connection_.num_threads(), [&](Index a) {
       double sum = 0.0;
-      for (const HalfEdge& h : residuals_.graph().row(nodes_[a])) {
+      for (const HalfEdge& h : connection_.graph().row(nodes_[a])) {
         if (!h.is_i()) continue;
-        const Quaternion e(residuals_()[h.edge()]);
-        const double w = e.squaredNorm();
-        Matrix3 E = weighted_rotation(e);
-        E /= w;
-        const Index j = components_.row_in_component[h.node];
-        double squares = 0.0;  // |E^T Z_a - Z_j|^2
-        for (Eigen::Index c = 0; c < Z.cols(); ++c) {
-          const double* const z_a = Z.data() + c * Z.rows() + 3 * a;
-          const double* const z_j = Z.data() + c * Z.rows() + 3 * j;
-          for (int r = 0; r < 3; ++r) {
-            const double d = E(0, r) * z_a[0] + E(1, r) * z_a[1] + E(2, r) * z_a[2] - z_j[r];
-            squares += d * d;
-          }
-        }
-        sum += w * squares;
+        sum += lifted_cost(connection_, h.edge(), Z, a, components_.row_in_component[h.node]);
       }
       return sum;
     });
@@ -110,7 +120,7 @@ class LiftedProblem {
 
   /// The Riemannian Hessian along a tangent V: 2 P(S V), S = Lambda - E (Theorem 1) at this point.
   LiftedBlocks hessian(const LiftedPoint& at, const LiftedBlocks& V) const {
-    LiftedBlocks H = apply_connection(residuals_, components_, component_, V);
+    LiftedBlocks H = apply_connection(connection_, components_, component_, V);
     for (Index a = 0; a < num_nodes(); ++a) {
       scale_block(-2.0, H, a);
       add_block_product(2.0 * at.Lambda[a], V, a, H, a);
@@ -164,11 +174,13 @@ class LiftedProblem {
     }
     return sum;
   }
-  const ResidualQuaternions& residuals_;
+
+  const Connection& connection_;
   const Components& components_;
   Index component_;
   const std::vector<Index>& nodes_;
 };
+using LiftedProblem = LiftedProblemOf<ResidualQuaternions>;
 
 }  // namespace rotavg
 

@@ -52,6 +52,23 @@ inline std::vector<double> prior_costs(const GroundedGraph& problem, const Rotat
   return costs;
 }
 
+/// The same of the objective of logarithms: 2 w theta^2 in place of 8 w sin^2(theta / 2), theta the
+/// angle by which the prior is missed.
+inline std::vector<double> log_prior_costs(const GroundedGraph& problem, const Rotations& R) {
+  const CheckedPriors& priors = problem.priors();
+  const PriorResiduals missed = prior_residuals(problem, R);
+  std::vector<double> costs(R.size(), 0.0);
+  for (std::size_t k = 0; k < missed.absolute.size(); ++k) {
+    const CheckedPriors::Rotation& p = priors.absolute[k];
+    costs[p.node] += 2.0 * p.weight * missed.absolute[k] * missed.absolute[k];
+  }
+  for (std::size_t k = 0; k < missed.gravity.size(); ++k) {
+    const CheckedPriors::Gravity& p = priors.gravity[k];
+    costs[p.node] += 2.0 * p.weight * missed.gravity[k] * missed.gravity[k];
+  }
+  return costs;
+}
+
 /// What every edge (m',) of problem.graph() adds to the objective; a pair of gravity, but for its
 /// constant, in its first edge.
 /// @param R (n,) world_from_node

@@ -16,7 +16,8 @@ namespace rotavg {
 ///
 /// the problem of measurements R_ij = R_i^T R_j exp([e]) with e, in the frame of j, of the
 /// covariance Omega_ij^-1: by the method of Gauss and Newton in R_i <- exp(w_i) R_i, w with a line
-/// search (Armijo). No certificate is known for it: start at the optimum of (3).
+/// search (Armijo). No certificate is known for it: start at the optimum of (3). (With priors:
+/// anisotropic/with_priors.hpp.)
 ///
 /// @param information (m,) Omega of every edge, symmetric and positive definite
 /// @throws std::invalid_argument unless there is one Omega for each edge

@@ -24,17 +24,20 @@ namespace rotavg {
 /// An approximate inverse of the connection Laplacian D (x) I - E, to which the Hessian / 2 is
 /// close where residuals are small: that of its blocks at the first node and at all others, or,
 /// where it is too large to factor, that of the degrees.
+///
+/// @tparam Problem LiftedProblemOf some blocks
+template <typename Problem>
 class ConnectionMetric {
  public:
   /// @param problem must outlive this object
   /// @param elimination of the component, without its root
-  ConnectionMetric(const LiftedProblem& problem, Elimination& elimination, double max_flops,
+  ConnectionMetric(const Problem& problem, Elimination& elimination, double max_flops,
                    const std::function<bool()>& keep_going)
       : problem_(problem) {
     if (elimination.flops(3, max_flops) > max_flops) return;
     cholesky_.emplace(elimination.symbolic(), elimination.num_threads());
     const auto outcome = cholesky_->factorize(
-        connection_laplacian(problem.residuals(), elimination), 0.0, keep_going);
+        connection_laplacian(problem.connection(), elimination), 0.0, keep_going);
     if (outcome != CholeskyOutcome::positive_definite) cholesky_.reset();
   }
 
@@ -51,7 +54,7 @@ class ConnectionMetric {
   }
 
  private:
-  const LiftedProblem& problem_;
+  const Problem& problem_;
   std::optional<BlockCholesky<3>> cholesky_;
 };
 
@@ -67,8 +70,9 @@ struct LiftedResult {
 ///
 /// @param Z the initial value
 /// @param options its tolerance is that of LiftedPoint::relative_gradient; no callback is called
-inline LiftedResult lifted_newton(const LiftedProblem& problem, ConnectionMetric& metric,
-                                  LiftedBlocks Z, const IterationOptions& options) {
+template <typename Problem>
+LiftedResult lifted_newton(const Problem& problem, ConnectionMetric<Problem>& metric,
+                           LiftedBlocks Z, const IterationOptions& options) {
   constexpr int max_cg_steps = 50;
   constexpr int max_halvings = 40;
   constexpr double sufficient = 1e-4;
@@ -77,7 +81,7 @@ inline LiftedResult lifted_newton(const LiftedProblem& problem, ConnectionMetric
   LiftedPoint& at = result.point;
   at = problem.evaluate(std::move(Z));
   TruncatedCg<LiftedBlocks> newton_direction;
-  const double total_weight = problem.residuals().graph().total_weight();
+  const double total_weight = connection_weight(problem.connection());
   for (;; ++result.iterations) {
     result.converged = at.relative_gradient <= options.tolerance;
     const bool interrupted = options.keep_going && !options.keep_going();
@@ -87,7 +91,7 @@ inline LiftedResult lifted_newton(const LiftedProblem& problem, ConnectionMetric
     }
     const LiftedBlocks& V = newton_direction(
         at.gradient, std::min(0.1, std::sqrt(at.relative_gradient)), max_cg_steps,
-        problem.residuals().num_threads(),
+        problem.connection().num_threads(),
         [&](const LiftedBlocks& p, LiftedBlocks& Hp) { Hp = problem.hessian(at, p); },
         [&](const LiftedBlocks& r, LiftedBlocks& z) {
           z = 0.5 * metric.apply(r);

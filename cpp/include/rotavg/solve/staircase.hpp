@@ -13,8 +13,8 @@
 #include <Eigen/Core>
 
 #include <rotavg/certify/bound.hpp>
-#include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/certify/factorization.hpp>
+#include <rotavg/certify/lifted_certificate_matrix.hpp>
 #include <rotavg/certify/min_eigenvalue.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
@@ -38,33 +38,47 @@ namespace rotavg {
 /// S is negative, to a minimum there, and down again to rotations. At some small rank, where S has
 /// no negative direction any more, the minimum is that of the relaxation (6): either its rank is 3,
 /// and it is the answer, or it bounds every answer from below.
-class Staircase {
+///
+/// @tparam Connection the blocks E_ij at R, as of LiftedProblemOf
+template <typename Connection>
+class StaircaseOf {
  public:
   /// The first step goes up to here: from random starts on trajectories rank 5 met the global
   /// optimum, rank 4 not always.
   static constexpr Index first_rank = 5;
 
+  /// @param connection at R
   /// @param R world_from_i, one rotation for each node of the graph
   /// @param components, elimination (of the component, without its root) must outlive this object
   /// @param max_flops no larger matrix is factored
-  Staircase(const MeasurementGraph& graph, const Components& components, Index component,
-            Elimination& elimination, const Rotations& R, int num_threads, double max_flops,
-            std::function<bool()> keep_going)
-      : R_(R),
-        residuals_(graph, to_quaternions(R), num_threads),
-        problem_(residuals_, components, component),
+  StaircaseOf(Connection connection, const Components& components, Index component,
+              Elimination& elimination, const Rotations& R, double max_flops,
+              std::function<bool()> keep_going)
+      : connection_(std::move(connection)),
+        problem_(connection_, components, component),
         max_flops_(max_flops),
         keep_going_(std::move(keep_going)),
         metric_(problem_, elimination, max_flops, keep_going_),
-        at_(problem_.evaluate(problem_.unlifted())) {}
+        at_(problem_.evaluate(problem_.unlifted())) {
+    R_.reserve(problem_.nodes().size());
+    for (const Index i : problem_.nodes()) R_.push_back(R[i]);
+  }
 
-  Staircase(const Staircase&) = delete;
-  Staircase& operator=(const Staircase&) = delete;
+  StaircaseOf(const StaircaseOf&) = delete;
+  StaircaseOf& operator=(const StaircaseOf&) = delete;
 
   Index rank() const { return static_cast<Index>(at_.Z.cols()); }
   /// Where the next step goes up to.
   Index next_rank() const { return std::max(rank() + 1, first_rank); }
   int iterations() const { return iterations_; }
+
+  /// On to a minimum at this rank.
+  /// @param options as of climb()
+  void settle(const IterationOptions& options) {
+    LiftedResult result = lifted_newton(problem_, metric_, std::move(at_.Z), options);
+    iterations_ += result.iterations;
+    at_ = std::move(result.point);
+  }
 
   /// One step up, and on to a minimum there.
   /// @param options of the iteration; its tolerance is that of LiftedPoint::relative_gradient
@@ -78,7 +92,8 @@ class Staircase {
     return true;
   }
 
-  /// The rotations nearest to the lifted blocks, in their three principal dimensions.
+  /// The rotations nearest to the lifted blocks, in their three principal dimensions, of the nodes
+  /// of the component.
   Rotations rounded() const {
     const SmallEigen principal = small_eigen(inner_products(at_.Z, at_.Z));
     Eigen::MatrixXd X = combinations(at_.Z, principal.vectors.rightCols<3>());
@@ -89,20 +104,18 @@ class Staircase {
     if (orientation < 0.0) X.col(0) *= -1.0;
     Rotations R = R_;
     for (Index a = 0; a < problem_.num_nodes(); ++a) {
-      const Index i = problem_.nodes()[a];
-      R[i] = product(nearest_rotation(transposed_block(X, a)), R_[i]);  // R_i = Y_i = Z_i^T R_i
+      R[a] = product(nearest_rotation(transposed_block(X, a)), R_[a]);  // R_i = Y_i = Z_i^T R_i
     }
     return R;
   }
 
   /// What the lifted point proves, or estimates: no rotations have a lower objective.
   LowerBound lower_bound() {
-    const NodeSums sums(residuals_, diagonal());
-    const CertificateMatrix S = certificate_matrix(sums);
+    const auto S = certificate_matrix();
     const ComponentBound bound =
-        bound_certificate_matrix(S, max_flops_, keep_going_, residuals_.num_threads());
+        bound_certificate_matrix(S, max_flops_, keep_going_, connection_.num_threads());
     const double value = at_.objective - bound.gap -
-                         objective_rounding(residuals_.graph().total_weight(), at_.objective);
+                         objective_rounding(connection_weight(connection_), at_.objective);
     if (!(value > 0.0)) return {};
     solved_ = value >= (1.0 - 1e-6) * at_.objective;
     return {value, bound.method == CertificateMethod::factorization ? CertificateMethod::relaxation
@@ -126,15 +139,8 @@ class Staircase {
   }
 
  private:
-  CertificateMatrix certificate_matrix(const NodeSums& sums) const {
-    return {sums, problem_.components(), problem_.component(), null_vectors()};
-  }
-
-  /// Lambda, one block for each node of the graph.
-  std::vector<Matrix3> diagonal() const {
-    std::vector<Matrix3> diagonal(R_.size(), Matrix3::Zero());
-    for (Index a = 0; a < problem_.num_nodes(); ++a) diagonal[problem_.nodes()[a]] = at_.Lambda[a];
-    return diagonal;
+  LiftedCertificateMatrix<Connection> certificate_matrix() const {
+    return {connection_, problem_.components(), problem_.component(), at_.Lambda, null_vectors()};
   }
 
   /// An orthonormal basis of the columns of Z: at a stationary point S Z = 0.
@@ -151,8 +157,7 @@ class Staircase {
 
   /// A vector v with v^T S v < 0, if there is one.
   std::optional<Eigen::VectorXd> negative_direction() {
-    const NodeSums sums(residuals_, diagonal());
-    const CertificateMatrix S = certificate_matrix(sums);
+    const auto S = certificate_matrix();
     const Eigen::Index free = S.size() - S.null_vectors().cols();
     if (free < 1) return std::nullopt;
     LobpcgOptions options;
@@ -187,15 +192,25 @@ class Staircase {
     return problem_.retract(Z, t * V);
   }
 
-  Rotations R_;
-  ResidualQuaternions residuals_;
-  LiftedProblem problem_;
+  Connection connection_;
+  LiftedProblemOf<Connection> problem_;
   double max_flops_;
   std::function<bool()> keep_going_;
-  ConnectionMetric metric_;
+  ConnectionMetric<LiftedProblemOf<Connection>> metric_;
   LiftedPoint at_;
+  Rotations R_;  ///< of the nodes of the component
   int iterations_ = 0;
   bool solved_ = false;  ///< the lifted point is the optimum of the relaxation, to a relative 1e-6
+};
+
+/// That of measurements with one weight each.
+class Staircase : public StaircaseOf<ResidualQuaternions> {
+ public:
+  Staircase(const MeasurementGraph& graph, const Components& components, Index component,
+            Elimination& elimination, const Rotations& R, int num_threads, double max_flops,
+            std::function<bool()> keep_going)
+      : StaircaseOf(ResidualQuaternions(graph, to_quaternions(R), num_threads), components,
+                    component, elimination, R, max_flops, std::move(keep_going)) {}
 };
 
 }  // namespace rotavg

@@ -23,9 +23,10 @@
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/reduction/gravity_pairs.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/so3/small_products.hpp>
-#include <rotavg/solve/anisotropic_impl.hpp>
+#include <rotavg/solve/logarithms.hpp>
 #include <rotavg/types.hpp>
 #include <rotavg/uncertainty/covariance.hpp>
 
@@ -42,7 +43,7 @@ class ComponentCovariances {
   /// @param residuals, components, anisotropic, options must outlive this object; `anisotropic` may
   ///        be null
   ComponentCovariances(const ResidualQuaternions& residuals, const Components& components,
-                       Index component, const AnisotropicLinearization* anisotropic,
+                       Index component, const LogLinearization* anisotropic,
                        const CovarianceOptions& options)
       : residuals_(residuals),
         components_(components),
@@ -164,7 +165,7 @@ class ComponentCovariances {
   const ResidualQuaternions& residuals_;
   const Components& components_;
   Elimination elimination_;
-  const AnisotropicLinearization* anisotropic_;
+  const LogLinearization* anisotropic_;
   const CovarianceOptions& options_;
   double scale_;
 };
@@ -187,8 +188,11 @@ ROTAVG_INLINE Covariances covariances(const MeasurementGraph& graph, const Rotat
   }
   const ResidualQuaternions residuals(graph, to_quaternions(R),
                                       resolve_num_threads(options.num_threads, graph.num_edges()));
-  std::optional<detail::AnisotropicLinearization> anisotropic;
-  if (!options.information.empty()) anisotropic.emplace(graph, options.information, R);
+  const GravityPairs none;
+  std::optional<detail::LogLinearization> anisotropic;
+  if (!options.information.empty()) {
+    anisotropic.emplace(LogObjective(graph, options.information, none), R);
+  }
   Covariances result;
   result.pairs.assign(pairs.size(), Matrix3::Zero());
   for (Index c = 0; c < components.size(); ++c) {

@@ -13,7 +13,7 @@
 #include <rotavg/reduction/prior_precisions.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/small_products.hpp>
-#include <rotavg/solve/anisotropic_impl.hpp>
+#include <rotavg/solve/logarithms.hpp>
 #include <rotavg/types.hpp>
 #include <rotavg/uncertainty/covariance_impl.hpp>
 #include <rotavg/uncertainty/covariance_with_priors.hpp>
@@ -44,7 +44,7 @@ inline std::vector<Matrix3> information_of_edges(const GroundedGraph& problem,
                                                  const Rotations& Q) {
   std::vector<Matrix3> result = precisions_of_edges(problem, precisions, /*of_second=*/0.0);
   for (const Index k : problem.gravity().first) {
-    const Matrix3 J = right_jacobian(anisotropic_residual(problem.graph().edges()[k], Q));
+    const Matrix3 J = right_jacobian(log_residual(problem.graph().edges()[k], Q));
     result[k] = transposed_product(J, product(result[k], J));
   }
   return result;
