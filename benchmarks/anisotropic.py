@@ -137,16 +137,15 @@ def staircase(runs: int) -> None:
     print("| graphs | refuted | proved by it | lower by it | gaps without, with [of f] |")
     print("|---|---|---|---|---|")
 
-    def row(name: str, graphs: list[tuple[rotavg.MeasurementGraph, Any]]) -> None:
+    def row(name: str, graphs: list[tuple[rotavg.MeasurementGraph, Any]], method: str) -> None:
         refuted = proved = lower = 0
         gaps = []
         for graph, start in graphs:
-            plain, full = (
-                rotavg.solve(
-                    graph, init=start, anisotropic=True, max_rank=rank, num_threads=1
-                )
-                for rank in (0, 10)
-            )  # fmt: skip
+            settings: dict[str, Any] = {"init": start, "anisotropic": True, "num_threads": 1}
+            plain = rotavg.solve(graph, max_rank=0, method=method, **settings)  # type: ignore[arg-type]
+            full = rotavg.solve(
+                graph, method="auto" if method == "auto" else "staircase", **settings
+            )
             assert plain.certificate is not None
             assert full.certificate is not None
             if plain.certificate.verdict == "proved":
@@ -172,13 +171,13 @@ def staircase(runs: int) -> None:
                 )
                 twist = np.outer(2 * np.pi * np.arange(20) / 20, [0.36, 0.48, 0.8])
                 rings.append((loop, matrices_from_rotvecs(twist) @ truth))
-            row(f"cycles of 20 wound once, {name}, {noise} rad", rings)
+            row(f"cycles of 20 wound once, {name}, {noise} rad", rings, "newton")
         for noise in (0.3, 0.6, 1.0):
             cases = [
                 (simulated(np.random.default_rng(seed), 30, 0.15, ratio, noise)[0], "auto")
                 for seed in range(runs)
             ]
-            row(f"30 nodes, density .15, {name}, {noise} rad", cases)
+            row(f"30 nodes, density .15, {name}, {noise} rad", cases, "auto")
 
 
 def photographs() -> None:

@@ -291,6 +291,52 @@ def test_a_bad_covariance_in_a_file_is_named_by_its_line(tmp_path: Path) -> None
         rotavg.read(path)
 
 
+@pytest.mark.parametrize("size", [1e-320, 1e-200, 1e200, 1e305])
+def test_extreme_covariances_are_named(size: float) -> None:
+    graph = random_graph(1)
+    assert graph.covariances is not None
+    C = graph.covariances.copy()
+    C[2] = size * np.eye(3)
+    weighted = rotavg.MeasurementGraph(
+        graph.edges, graph.rotations, weights=np.ones(len(C)), covariances=C
+    )
+    i, j = graph.edges[2].tolist()
+    says = rf"edge 2 \({i} -> {j}\): found a covariance as large as .*; expected it between"
+    for anisotropic in (True, "log"):
+        with pytest.raises(rotavg.GraphError, match=says):
+            rotavg.solve(weighted, anisotropic=anisotropic)  # type: ignore[arg-type]
+    with pytest.raises(rotavg.GraphError, match=says):
+        rotavg.certify(weighted, graph.rotations[:1].repeat(10, axis=0), anisotropic=True)
+    with pytest.raises(rotavg.GraphError, match=r"edge 2 .*found the weight"):
+        rotavg.MeasurementGraph(graph.edges, graph.rotations, covariances=C)
+
+
+def test_single_precision_and_parallel_edges() -> None:
+    graph = random_graph(1)
+    assert graph.covariances is not None
+    single = rotavg.MeasurementGraph(
+        graph.edges.astype(np.int32),
+        graph.rotations.astype(np.float32),
+        covariances=graph.covariances.astype(np.float32),
+    )
+    expected = rotavg.solve(graph, anisotropic=True)
+    solution = rotavg.solve(single, anisotropic=True)
+    assert solution.objective == pytest.approx(expected.objective, rel=1e-4)
+    # Each edge twice, once turned round, with half of what it knows.
+    R, C = graph.rotations, 2 * graph.covariances
+    twice = rotavg.MeasurementGraph(
+        np.concatenate([graph.edges, graph.edges[:, ::-1]]),
+        np.concatenate([R, np.swapaxes(R, 1, 2)]),
+        covariances=np.concatenate([C, R @ C @ np.swapaxes(R, 1, 2)]),
+        nodes=graph.nodes,
+    )
+    for method in ("auto", "staircase"):
+        both = rotavg.solve(twice, anisotropic=True, method=method)  # type: ignore[arg-type]
+        assert both.objective == pytest.approx(expected.objective, rel=1e-9)
+        assert both.certificate is not None
+        assert both.certificate.verdict == "proved"
+
+
 def test_lu_sphinx_is_proved_and_nearer_the_truth() -> None:
     path = DATA / "viewgraphs" / "lu_sphinx.npz"
     if not path.exists():

@@ -53,7 +53,8 @@ def pose_family(
 
 def isotropic_weights(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
     """(m,) 3 / tr: one over the mean variance about an axis."""
-    return np.asarray(3 / np.trace(covariances, axis1=1, axis2=2))
+    with np.errstate(over="ignore", divide="ignore"):  # a weight of 0 or inf is refused
+        return np.asarray(3 / np.trace(covariances, axis1=1, axis2=2))
 
 
 def precision_of_weight_one(

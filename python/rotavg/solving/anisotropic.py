@@ -13,6 +13,7 @@ from rotavg import _core
 from rotavg.base.arrays import read_only
 from rotavg.base.errors import OptionError
 from rotavg.graph.covariances import information, precision_of_weight_one
+from rotavg.graph.ids import edge_error
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving.certificate import certificate_from_core
 from rotavg.solving.solution import Solution
@@ -20,20 +21,35 @@ from rotavg.solving.status import Status, Timings, Trace
 
 # How far the start, the problem with one weight for each edge, is solved: radians.
 START_TOLERANCE = 1e-6
+# Radians^2: their inverses are numbers that can be computed with.
+LARGEST_COVARIANCE = 1e80
 
 
 def check(graph: MeasurementGraph, anisotropic: object) -> None:
-    """Refuse what full covariances do not go with."""
+    """Refuse what full covariances do not go with.
+
+    Raises OptionError for the option or a graph without, GraphError for an extreme covariance.
+    """
     if anisotropic not in (True, "log"):
         raise OptionError(f"anisotropic is {anisotropic!r}, expected True, False or 'log'")
     if graph.covariances is None:
         raise OptionError("anisotropic needs a graph with covariances, and this one has none")
+    size = np.abs(graph.covariances).max(axis=(1, 2))
+    extreme = ~((size > 1 / LARGEST_COVARIANCE) & (size < LARGEST_COVARIANCE))
+    if extreme.any():
+        row = int(np.argmax(extreme))
+        raise edge_error(
+            graph.edges,
+            row,
+            f"found a covariance as large as {size[row]:.3g} radians^2; "
+            f"expected it between {1 / LARGEST_COVARIANCE:g} and {LARGEST_COVARIANCE:g}",
+        )
 
 
 def given_precisions(graph: MeasurementGraph) -> NDArray[np.float64]:
     """(m, 3, 3) inverse covariances.
 
-    Raises OptionError where the graph has none.
+    Raises as `check`.
     """
     check(graph, True)
     assert graph.covariances is not None
