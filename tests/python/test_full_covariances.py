@@ -17,6 +17,7 @@ import rotavg
 from benchmarks.anisotropic import RATIOS, simulated, theory
 from benchmarks.relaxation import accuracy, matrix_weights, relaxation
 from rotavg.graph.conventions import matrices_from_rotvecs
+from rotavg.graph.covariances import information
 
 DATA = Path(os.environ.get("ROTAVG_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
@@ -309,6 +310,20 @@ def test_extreme_covariances_are_named(size: float) -> None:
         rotavg.certify(weighted, graph.rotations[:1].repeat(10, axis=0), anisotropic=True)
     with pytest.raises(rotavg.GraphError, match=r"edge 2 .*found the weight"):
         rotavg.MeasurementGraph(graph.edges, graph.rotations, covariances=C)
+
+
+@pytest.mark.parametrize("spread", [0.0, 1.0, 3.0, 6.0, 10.0])
+def test_precisions_are_the_inverses(spread: float) -> None:
+    rng = np.random.default_rng(int(spread))
+    V = np.linalg.qr(rng.normal(size=(500, 3, 3)))[0]
+    values = 10.0 ** rng.uniform(-spread, 0, (500, 3)) * 10.0 ** rng.uniform(-40, 40, (500, 1))
+    C = V @ (values[:, :, None] * np.swapaxes(V, 1, 2))
+    C = (C + np.swapaxes(C, 1, 2)) / 2
+    H = information(C, np.full(500, 3.0))
+    assert np.array_equal(H, np.swapaxes(H, 1, 2))
+    scale = np.abs(H).max(axis=(1, 2)) * np.abs(C).max(axis=(1, 2))
+    error = np.abs(C @ H - 3 * np.eye(3)).max(axis=(1, 2))
+    assert (error <= 1e-12 * scale).all()
 
 
 def test_single_precision_and_parallel_edges() -> None:
