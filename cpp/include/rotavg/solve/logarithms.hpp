@@ -51,8 +51,8 @@ class LogObjective {
     Matrix3 hessian = Matrix3::Zero();
   };
 
-  /// @param graph, information, gravity must outlive this object
-  /// @param information (m,) Omega of every edge
+  /// @param graph, gravity must outlive this object
+  /// @param information (m,) Omega of every edge; must outlive this object
   LogObjective(const MeasurementGraph& graph, const std::vector<Matrix3>& information,
                const GravityPairs& gravity)
       : graph_(graph),
