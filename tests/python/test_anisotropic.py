@@ -185,13 +185,9 @@ def test_bad_requests_say_what_is_wrong(truth: NDArray[np.float64]) -> None:
 W = 40.0  # of priors
 
 
-<<<<<<< HEAD
-def with_priors(seed: int, truth: NDArray[np.float64]) -> tuple[rotavg.MeasurementGraph, dict]:
-=======
 def with_priors(
     seed: int, truth: NDArray[np.float64]
 ) -> tuple[rotavg.MeasurementGraph, dict[str, Any]]:
->>>>>>> 6255d75b2235ae528f1ee76f075b1cc9f9aee125
     """Priors of every kind that contradict the measurements a little."""
     rng = np.random.default_rng(seed)
     graph = measured(rng, truth, covariances(rng, 0.1))
@@ -219,11 +215,7 @@ def prior_objective(
     u = np.median(3 / (graph.weights * np.trace(graph.covariances, axis1=1, axis2=2)))
     f = objective(graph, R)
     for node, (known, w) in priors.absolute.items():
-<<<<<<< HEAD
-        f += u * w * Rotation.from_matrix(known.T @ R[node]).magnitude() ** 2
-=======
         f += u * w * Rotation.from_matrix(np.asarray(known).T @ R[node]).magnitude() ** 2
->>>>>>> 6255d75b2235ae528f1ee76f075b1cc9f9aee125
     for node, (d, w) in priors.gravity.items():
         f += u * w * np.arccos(np.clip((R[node] @ d) @ [0.0, 1.0, 0.0], -1, 1)) ** 2
     return f
@@ -244,11 +236,7 @@ def test_priors_of_every_kind_go_with_logarithms(kind: str, truth: NDArray[np.fl
         assert solution.objective == pytest.approx(f, rel=1e-9)
         assert f <= prior_objective(graph, priors, solution.isotropic.rotations) * (1 + 1e-12)
         for node, value in priors.fixed.items():
-<<<<<<< HEAD
-            np.testing.assert_allclose(R[node], value, atol=1e-12)
-=======
             np.testing.assert_allclose(R[node], np.asarray(value), atol=1e-12)
->>>>>>> 6255d75b2235ae528f1ee76f075b1cc9f9aee125
         # No step of what is free goes down.
         ties = [[k] for k in range(6) if k not in priors.fixed]
         if priors.rigs:

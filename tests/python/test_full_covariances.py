@@ -305,11 +305,7 @@ def test_extreme_covariances_are_named(size: float) -> None:
     says = rf"edge 2 \({i} -> {j}\): found a covariance as large as .*; expected it between"
     for anisotropic in (True, "log"):
         with pytest.raises(rotavg.GraphError, match=says):
-<<<<<<< HEAD
-            rotavg.solve(weighted, anisotropic=anisotropic)  # type: ignore[arg-type]
-=======
             rotavg.solve(weighted, anisotropic=anisotropic)
->>>>>>> 6255d75b2235ae528f1ee76f075b1cc9f9aee125
     with pytest.raises(rotavg.GraphError, match=says):
         rotavg.certify(weighted, graph.rotations[:1].repeat(10, axis=0), anisotropic=True)
     with pytest.raises(rotavg.GraphError, match=r"edge 2 .*found the weight"):
@@ -350,11 +346,7 @@ def test_single_precision_and_parallel_edges() -> None:
         nodes=graph.nodes,
     )
     for method in ("auto", "staircase"):
-<<<<<<< HEAD
-        both = rotavg.solve(twice, anisotropic=True, method=method)  # type: ignore[arg-type]
-=======
         both = rotavg.solve(twice, anisotropic=True, method=method)
->>>>>>> 6255d75b2235ae528f1ee76f075b1cc9f9aee125
         assert both.objective == pytest.approx(expected.objective, rel=1e-9)
         assert both.certificate is not None
         assert both.certificate.verdict == "proved"

@@ -106,10 +106,5 @@ def _inverses(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     result *= scale[:, :, None] * scale[:, None, :]
     result /= det[:, None, None]
     if poor.any():
-<<<<<<< HEAD
         result[poor] = symmetric(np.linalg.inv(matrices[poor]))
-=======
-        solved = np.linalg.inv(matrices[poor])
-        result[poor] = (solved + np.swapaxes(solved, 1, 2)) / 2
->>>>>>> 6255d75b2235ae528f1ee76f075b1cc9f9aee125
     return result
