@@ -28,7 +28,7 @@ import rotavg
 from benchmarks.distributed_plan import add_arguments, plan
 from benchmarks.inline_client import InlineClient
 from rotavg.distributed import DistributedSolution, Edges, solve
-from rotavg.distributed.solve import ON_THIS_MACHINE
+from rotavg.distributed.cluster import ON_THIS_MACHINE
 
 
 def family(name: str, n: int) -> rotavg.MeasurementGraph:

@@ -12,7 +12,6 @@ from typing import Any, Callable, Optional
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg import _core
 from rotavg.distributed.coarse import MOST_AGGREGATES, Joints, aggregates, joints, turns
 from rotavg.distributed.deadline import NEVER, Deadline
 from rotavg.distributed.local import (
@@ -21,13 +20,10 @@ from rotavg.distributed.local import (
     solve_alone,
     solve_majorised,
     solve_region,
-    vee_difference,
 )
+from rotavg.distributed.mixing import mean, remembered, steps_gram
 from rotavg.distributed.network import Network
 from rotavg.distributed.part import Part, Rotations
-from rotavg.graph.conventions import matrices_from_rotvecs
-
-HISTORY = 10  # rounds that the mixing looks back on: 24 bytes of a node each
 
 
 @dataclass(frozen=True)
@@ -126,7 +122,7 @@ class Rounds:
             kind = "majorised"
             self._past.clear()
         begun = self._past or [None] * len(self.network)
-        self._past = self.network.each(_remembered, begun, before.rotations, after.rotations)
+        self._past = self.network.each(remembered, begun, before.rotations, after.rotations)
         if begun[0] is not None:
             mixed = self._measured(self._mixed())
             if _falls(mixed, after):
@@ -204,12 +200,12 @@ class Rounds:
     def _mixed(self) -> list[Any]:
         """Anderson's mixing: the mean of G's values whose steps cancel best (Walker, Ni 2011)."""
         network = self.network
-        gram = np.sum(network.gather(network.each(_steps_gram, self._past)), axis=0)
+        gram = np.sum(network.gather(network.each(steps_gram, self._past)), axis=0)
         # Minimise c^T gram c over sum c = 1.
         damped = gram + 1e-12 * np.trace(gram) * np.eye(len(gram))
         ones = np.ones(len(gram))
         share = np.linalg.solve(damped, ones) if np.any(gram) else ones
-        return network.each(_mean, self._past, share=share / share.sum())
+        return network.each(mean, self._past, share=share / share.sum())
 
 
 def numbered(network: Network, pieces: Sequence[Any]) -> tuple[list[Any], NDArray[np.int64]]:
@@ -271,47 +267,3 @@ def _turned(
 ) -> Rotations:
     first, Q = turns
     return Q[piece - first] @ own
-
-
-@dataclass(frozen=True, eq=False)
-class Past:
-    """The last rounds of a part; its vectors are of single precision, as they only suggest.
-
-    Attributes:
-        now: (num_own, 3, 3) where G led last.
-        steps: (k, num_own, 3) how far each round led, as rotation vectors to the third order.
-        ends: (k, num_own, 3) from `now` to where each round led.
-    """
-
-    now: Rotations
-    steps: NDArray[np.float32]
-    ends: NDArray[np.float32]
-
-
-def _remembered(part: Part, past: Past | None, begin: Rotations, end: Rotations) -> Past:
-    step = _between(begin, end)[None]
-    if past is None:
-        return Past(end, step, np.zeros_like(step))
-    back = _between(end, past.now)
-    return Past(
-        end,
-        np.concatenate([past.steps, step])[-HISTORY:],
-        np.concatenate([past.ends + back, np.zeros_like(step)])[-HISTORY:],
-    )
-
-
-def _between(here: Rotations, there: Rotations) -> NDArray[np.float32]:
-    """Vectors v with exp([v]) R_here ~ R_there, to the third order."""
-    return (0.5 * vee_difference(there @ here.transpose(0, 2, 1))).astype(np.float32)
-
-
-def _steps_gram(part: Part, past: Past) -> NDArray[np.float64]:
-    steps = past.steps.reshape(len(past.steps), -1).astype(np.float64)
-    return steps @ steps.T
-
-
-def _mean(part: Part, past: Past, share: NDArray[np.float64]) -> Rotations:
-    toward = np.tensordot(share, past.ends.astype(np.float64), axes=1)
-    mean = matrices_from_rotvecs(toward) @ past.now
-    rotations: Rotations = _core.nearest_rotation(np.ascontiguousarray(mean))
-    return rotations

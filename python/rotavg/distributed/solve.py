@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import logging
-import signal
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
-from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any, Callable, Literal, Union
+from typing import Any, Literal, Union
 
 import numpy as np
 
-from rotavg.base.errors import Error, FormatError, GraphError, OptionError, SolverError, require
+from rotavg.base.errors import OptionError
 from rotavg.distributed.building import build, sent
+from rotavg.distributed.cluster import local_cluster, told_plainly
 from rotavg.distributed.deadline import Deadline
-from rotavg.distributed.edges import Edges
 from rotavg.distributed.interruption import heeded
 from rotavg.distributed.part import Part
 from rotavg.distributed.proof import prove, stopped
@@ -32,20 +28,12 @@ from rotavg.distributed.robust import (
 )
 from rotavg.distributed.rounds import Callback, Round, Rounds
 from rotavg.distributed.solution import DistributedSolution, Interrupted, RobustFit
+from rotavg.distributed.sources import Chunk, chunks_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving import options
 
-Chunk = Callable[[], Union[MeasurementGraph, Edges]]
 MOST_REWEIGHTINGS = 60
 SETTLED = 1e-5  # of the weights, what the last reweighting changes
-
-ON_THIS_MACHINE = {
-    # Else the profiler looks at every worker a hundred times a second.
-    "distributed.worker.profile.enabled": False,
-    # A process that dies closes its connections; one that is slow to answer is only busy.
-    "distributed.comm.timeouts.tcp": "1 hour",
-    "distributed.comm.timeouts.connect": "10 minutes",
-}
 
 Source = Union[MeasurementGraph, str, Path, Sequence[Chunk]]
 
@@ -118,15 +106,15 @@ def solve(
     }
     if loss not in ("l2", "auto"):
         raise OptionError(f"loss is {loss!r}, expected 'l2' or 'auto'")
-    with heeded(), ExitStack() as processes, _told_plainly():
-        cluster = _cluster(processes) if client is None else client
+    with heeded(), ExitStack() as processes, told_plainly():
+        cluster = local_cluster(processes) if client is None else client
         if parts is None:
             parts = max(1, sum(cluster.nthreads().values()))
         # Nothing here holds the chunks: they are forgotten once there are parts.
         if isinstance(source, MeasurementGraph):
             built = build(cluster, *sent(cluster, source, parts))
         else:
-            built = build(cluster, _chunks(cluster, source), parts)
+            built = build(cluster, chunks_of(cluster, source), parts)
         rounds = Rounds(*built, limits.deadline)
         del built
         if loss == "auto":
@@ -229,96 +217,6 @@ def _robustly(rounds: Rounds, limits: Limits, seed: int) -> tuple[list[Round], s
         reason = _run(rounds, trace, limits)
     far = base.gather(base.with_neighbours(outliers, rounds.state.rotations, given, loss=loss))
     return trace, reason, RobustFit(loss.scale, loss.noise, 3.0 * loss.noise, sum(far), settled)
-
-
-def _cluster(processes: ExitStack) -> Any:
-    """A client of processes on this machine, for as long as they are wanted."""
-    distributed = require("distributed", "distributed")
-    config = require("dask", "distributed").config
-    with _left_to_this_process(), config.set(ON_THIS_MACHINE):
-        try:
-            local = distributed.LocalCluster(
-                threads_per_worker=1, dashboard_address=":0", silence_logs=logging.CRITICAL
-            )
-        except RuntimeError as error:
-            raise SolverError(
-                f"processes cannot be started here: {error} A program that does so needs "
-                "`if __name__ == '__main__':` around what it does, as they import it"
-            ) from error
-        processes.enter_context(local)
-        return processes.enter_context(distributed.Client(local))
-
-
-@contextmanager
-def _left_to_this_process() -> Iterator[None]:
-    """Ctrl-C waits; threads and processes that are started here never see it."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    resource_tracker.ensure_running()  # where that starts later, it unblocks the signal
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _told_plainly() -> Iterator[None]:
-    """What becomes of a cluster, as an error of ours."""
-    distributed = require("distributed", "distributed")
-    try:
-        yield
-    except distributed.KilledWorker as error:
-        raise SolverError(
-            f"workers died at one task, {error.allowed_failures + 1} of them: most likely there is "
-            "not enough memory; expected more parts or fewer workers on a machine"
-        ) from error
-    except (distributed.CancelledError, distributed.comm.CommClosedError) as error:
-        raise SolverError(f"the cluster was lost: {error}") from error
-
-
-def _chunks(client: Any, source: str | Path | Sequence[Chunk]) -> Iterator[Any]:
-    if isinstance(source, (str, Path)):
-        folder = Path(source)
-        if not folder.is_dir():
-            raise FormatError("is no folder, expected one of files with edges", path=str(folder))
-        names = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
-        files = [path for path in names if path.is_file()]
-        if not files:
-            raise FormatError("holds no file, expected parts of a graph", path=str(folder))
-        yield from (client.submit(_read, str(path), pure=False) for path in files)
-        return
-    for number, chunk in enumerate(source):
-        if not callable(chunk):
-            found = f"source {number} is a {type(chunk).__name__}"
-            raise GraphError(f"{found}, expected a function of no arguments")
-        yield client.submit(_called, chunk, number, pure=False)
-
-
-def _read(path: str) -> Edges:
-    from rotavg.io import read
-
-    graph = read(path)
-    try:
-        return Edges.of(graph)
-    except GraphError as error:
-        raise FormatError(str(error), path=path) from None
-
-
-def _called(chunk: Chunk, number: int) -> Edges:
-    function = chunk.func if isinstance(chunk, partial) else chunk
-    name = f"source {number}, {getattr(function, '__name__', type(function).__name__)}"
-    try:
-        made = chunk()
-    except Error:
-        raise
-    except Exception as error:
-        raise SolverError(f"{name}: {type(error).__name__}: {error}") from error
-    try:
-        return made.checked() if isinstance(made, Edges) else Edges.of(made)
-    except GraphError as error:
-        raise GraphError(f"{name}: {error}") from error
 
 
 def _sizes(part: Part) -> tuple[int, int]:

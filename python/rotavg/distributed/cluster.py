@@ -1,0 +1,67 @@
+"""The processes of one machine as a cluster, and what goes wrong with clusters."""
+
+from __future__ import annotations
+
+import logging
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from multiprocessing import resource_tracker
+from typing import Any
+
+from rotavg.base.errors import SolverError, require
+
+ON_THIS_MACHINE = {
+    # Else the profiler looks at every worker a hundred times a second.
+    "distributed.worker.profile.enabled": False,
+    # A process that dies closes its connections; one that is slow to answer is only busy.
+    "distributed.comm.timeouts.tcp": "1 hour",
+    "distributed.comm.timeouts.connect": "10 minutes",
+}
+
+
+def local_cluster(processes: ExitStack) -> Any:
+    """A client of processes on this machine, for as long as they are wanted."""
+    distributed = require("distributed", "distributed")
+    config = require("dask", "distributed").config
+    with _left_to_this_process(), config.set(ON_THIS_MACHINE):
+        try:
+            local = distributed.LocalCluster(
+                threads_per_worker=1, dashboard_address=":0", silence_logs=logging.CRITICAL
+            )
+        except RuntimeError as error:
+            raise SolverError(
+                f"processes cannot be started here: {error} A program that does so needs "
+                "`if __name__ == '__main__':` around what it does, as they import it"
+            ) from error
+        processes.enter_context(local)
+        return processes.enter_context(distributed.Client(local))
+
+
+@contextmanager
+def _left_to_this_process() -> Iterator[None]:
+    """Ctrl-C waits; threads and processes that are started here never see it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # where that starts later, it unblocks the signal
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def told_plainly() -> Iterator[None]:
+    """What becomes of a cluster, as an error of ours."""
+    distributed = require("distributed", "distributed")
+    try:
+        yield
+    except distributed.KilledWorker as error:
+        raise SolverError(
+            f"workers died at one task, {error.allowed_failures + 1} of them: most likely there is "
+            "not enough memory; expected more parts or fewer workers on a machine"
+        ) from error
+    except (distributed.CancelledError, distributed.comm.CommClosedError) as error:
+        raise SolverError(f"the cluster was lost: {error}") from error
