@@ -32,6 +32,8 @@ from rotavg.distributed.sources import Chunk, chunks_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving import options
 
+_NEAR_ROUNDING = 1e-13  # radians, of the relative gradient
+
 MOST_REWEIGHTINGS = 60
 SETTLED = 1e-5  # of the weights, what the last reweighting changes
 
@@ -183,8 +185,9 @@ def _run(rounds: Rounds, trace: list[Round], limits: Limits, tolerance: float = 
         reason = limits.reason(now, tolerance)
         if reason is not None:
             return reason
-        # A tenth of what is wrong now is near enough for the parts.
-        trace.append(rounds.next(now.number + 1, 0.1 * max(now.relative_gradient, tolerance)))
+        # A tenth of what is wrong now is near enough for the parts; rounding is in the way of more.
+        enough = max(0.1 * max(now.relative_gradient, tolerance), _NEAR_ROUNDING)
+        trace.append(rounds.next(now.number + 1, enough))
 
 
 def _robustly(rounds: Rounds, limits: Limits, seed: int) -> tuple[list[Round], str, RobustFit]:
