@@ -159,6 +159,8 @@ class RobustRun {
     l2.certify = false;
     l2.iteration.stop = StopRule::gradient;
     l2.iteration.tolerance = 1e-2;
+    // Where outliers make Newton's method wander, a better start would not be better for long.
+    if (l2.init == Initialization::automatic) l2.init = Initialization::shortest_path;
     return l2;
   }
 

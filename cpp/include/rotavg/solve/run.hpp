@@ -206,15 +206,16 @@ class SolveRun {
         break;
     }
     OtherStart chordal{[this]() -> std::optional<Rotations> {
-      Initialization used;
-      Rotations start = initial_value(Initialization::chordal, used);
-      if (used != Initialization::chordal) return std::nullopt;
+      constexpr double flops_an_edge = 1e5;  // some tens of Newton's steps take as long
+      const double limit = std::min(max_start_flops(), flops_an_edge * graph_.num_edges());
+      const auto start = chordal_init(graph_, eliminations_, limit, keep_going_);
+      if (!start) return std::nullopt;
       // As it comes, the noise of every node is still in it.
       IterationOptions sweeps;
       sweeps.max_iterations = 3;
       sweeps.num_threads = options_.iteration.num_threads;
       sweeps.keep_going = keep_going_;
-      return bcd(graph_, start, sweeps).rotations;
+      return bcd(graph_, *start, sweeps).rotations;
     }};
     IterationResult result = solve_automatically(
         graph_, eliminations_, R, limits, origin == Origin::given, solution.method, solution.reason,
