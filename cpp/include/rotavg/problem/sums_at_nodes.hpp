@@ -15,9 +15,9 @@
 namespace rotavg {
 
 /// What the edges at every node add up to, with the same bits for any number of threads. On sparse
-/// graphs, and where the cache holds all, every node gathers from its edges. On large dense ones,
-/// where a node's edges lie far apart and there are few nodes, parts of the edges are scattered,
-/// each into sums of its own, so that every edge is read once.
+/// graphs every node gathers from its edges. On dense ones, where a node's edges lie far apart and
+/// there are few nodes, parts of the edges are scattered, each into sums of its own, so that every
+/// edge is read once.
 ///
 /// @param add_end `add_end(half_edge, Sum& sum)` adds an edge to the sum at one of its ends
 /// @param add_edge `add_edge(k, Sum& at_i, Sum& at_j)` adds edge k at both
@@ -26,13 +26,14 @@ template <typename Sum, typename AddEnd, typename AddEdge>
 std::vector<Sum> sums_at_nodes(const MeasurementGraph& graph, int num_threads, AddEnd&& add_end,
                                AddEdge&& add_edge) {
   constexpr Index parts = 16;
-  constexpr Index large = 500'000;  // edges, 20 MB
-  constexpr double many = 100.0;    // edges for every node: the parts' own sums cost little beside
+  constexpr double many = 100.0;  // edges for every node: the parts' own sums cost little beside
   const Index n = graph.num_nodes(), m = graph.num_edges();
   std::vector<Sum> sums(static_cast<std::size_t>(n));
-  if (m < many * n || m < large) {
+  if (m < many * n) {
     parallel_for(n, num_threads, [&](Index l) {
-      for (const HalfEdge& h : graph.row(l)) add_end(h, sums[l]);
+      Sum sum{};  // in registers
+      for (const HalfEdge& h : graph.row(l)) add_end(h, sum);
+      sums[l] = sum;
     });
     return sums;
   }
