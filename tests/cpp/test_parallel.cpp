@@ -82,7 +82,7 @@ TEST_CASE("a loop within a loop stays on its thread, and calls from several thre
 TEST_CASE("helpers take tasks while the calling thread is at one of its own") {
   // Two tasks that wait for each other can only end together; a team that has just lost time goes
   // alone for a while.
-  bool met = false;
+  std::atomic<bool> met{false};
   for (int times = 0; times < 200 && !met; ++times) {
     std::atomic<int> arrived{0};
     rotavg::Team::run(
