@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -303,3 +304,17 @@ def test_much_noise_is_no_wrong_edge(n: int, density: float, noise: float) -> No
         plain = rotavg.solve(simulated.graph)
         truth = simulated.ground_truth
         assert rotavg.compare(robust, truth).rms < 1.2 * rotavg.compare(plain, truth).rms
+
+
+def test_where_sweeps_have_no_end_newtons_steps_go_on() -> None:
+    # So well connected that its Laplacian takes a thousand times as long as a sweep to factor.
+    simulation = rotavg.simulate("erdos_renyi", 600, noise=0.02, outliers=0.3, density=0.05, seed=3)
+    options: dict[str, Any] = {"loss": "l_half", "loss_scale": 1e-4, "certify": False}
+    sweeps = rotavg.solve(simulation.graph, method="bcd", **options)
+    found = rotavg.solve(simulation.graph, **options)
+    assert found.robust is not None
+    assert sweeps.robust is not None
+    assert found.robust.objective <= sweeps.robust.objective * (1 + 1e-5)
+    assert found.iterations < sweeps.iterations
+    again = rotavg.solve(simulation.graph, num_threads=2, **options)
+    assert again.rotations.tobytes() == found.rotations.tobytes()

@@ -52,6 +52,8 @@ class Monitor {
     return result_.status != Status::not_run;
   }
 
+  /// So far; 0 at the initial value.
+  int iterations() const { return static_cast<int>(result_.trace.size()) - 1; }
   /// What should_stop was last told.
   double relative_gradient() const { return result_.trace.back().relative_gradient; }
 
