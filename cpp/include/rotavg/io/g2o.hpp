@@ -131,7 +131,10 @@ class G2oReader {
       const auto [stop, error] = std::from_chars(field.data() + plus, end, id);
       if (error != std::errc{} || stop != end || (plus == 1 && field.substr(1, 1) == "-")) {
         std::string all;
-        for (const std::string_view f : fields) all += (all.empty() ? "" : " ") + shown(f);
+        for (const std::string_view f : fields) {
+          if (!all.empty()) all += ' ';
+          all += shown(f);
+        }
         source_.refuse(line.number, "found " + all + " for node ids, expected integers");
       }
       ids.push_back(id);

@@ -120,7 +120,10 @@ inline std::vector<std::string_view> words_of(std::string_view text) {
 /// A field as messages show it, cut short if it is long.
 inline std::string shown(std::string_view field) {
   const bool is_long = field.size() > 40;
-  return "'" + std::string(field.substr(0, is_long ? 37 : 40)) + (is_long ? "...'" : "'");
+  std::string text(1, '\'');  // not "'" + ...: GCC 12 takes that for an overlap (its bug 105651)
+  text += field.substr(0, is_long ? 37 : 40);
+  text += is_long ? "...'" : "'";
+  return text;
 }
 
 /// The number in a field of a line.
