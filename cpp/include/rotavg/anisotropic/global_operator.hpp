@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <memory>
+#include <vector>
 
 #include <Eigen/Core>
 
@@ -19,6 +22,28 @@
 
 namespace rotavg {
 
+/// The blocks of S row by row, one behind the other: 160 bytes an edge, for loops that go through
+/// them many times.
+struct CertificateRows {
+  struct Entry {
+    Matrix3 block;
+    Index column;
+  };
+
+  explicit CertificateRows(const AnisotropicCertificateMatrix& S) {
+    start.reserve(static_cast<std::size_t>(S.num_nodes()) + 1);
+    entries.reserve(S.edges().size() * 2 + static_cast<std::size_t>(S.num_nodes()));
+    for (Index a = 0; a < S.num_nodes(); ++a) {
+      start.push_back(entries.size());
+      S.add_row(a, [&](const Matrix3& block, Index b) { entries.push_back({block, b}); });
+    }
+    start.push_back(entries.size());
+  }
+
+  std::vector<std::size_t> start;  ///< (n + 1,)
+  std::vector<Entry> entries;
+};
+
 /// M = D^-1/2 S D^-1/2 of one component with full covariances, on the complement of D^1/2 N, N =
 /// [I … I]^T, for the iterations that factorise nothing (certify/random_start.hpp); as
 /// LocalOperator, but in the global frame. With D the scale of the nodes its spectrum is below 2:
@@ -33,14 +58,15 @@ class GlobalOperator : public OperatorColumns<GlobalOperator<C>, C> {
   using Vectors = typename Columns::Vectors;
 
   /// @param S must outlive this object
-  explicit GlobalOperator(const AnisotropicCertificateMatrix& S) : S_(&S) {
+  explicit GlobalOperator(const AnisotropicCertificateMatrix& S)
+      : S_(&S), rows_(std::make_shared<const CertificateRows>(S)) {
     for (Index a = 0; a < num_nodes(); ++a) total_ += degree(a);
   }
   /// The same with other columns.
   template <int K>
-  explicit GlobalOperator(const GlobalOperator<K>& other) : GlobalOperator(other.matrix()) {}
+  explicit GlobalOperator(const GlobalOperator<K>& other)
+      : S_(other.S_), rows_(other.rows_), total_(other.total_) {}
 
-  const AnisotropicCertificateMatrix& matrix() const { return *S_; }
   Index num_nodes() const { return S_->num_nodes(); }
   int num_threads() const { return S_->num_threads(); }
   /// Of the complement.
@@ -62,7 +88,10 @@ class GlobalOperator : public OperatorColumns<GlobalOperator<C>, C> {
   void apply(const Vectors& z, double scale, double shift, double factor, Vectors& result) const {
     parallel_for(num_nodes(), num_threads(), [&](Index a) {
       Block sum = Block::Zero();
-      S_->add_row(a, [&](const Matrix3& A, Index b) { sum.noalias() += A * z[b]; });
+      for (std::size_t e = rows_->start[a]; e < rows_->start[a + 1]; ++e) {
+        const CertificateRows::Entry& entry = rows_->entries[e];
+        this->add_product(entry.block, z[entry.column], sum);
+      }
       const double s = scale / degree(a);
       for (int k = 0; k < 3 * C; ++k) {
         result[a](k) = s * sum(k) + shift * z[a](k) + factor * result[a](k);
@@ -83,7 +112,11 @@ class GlobalOperator : public OperatorColumns<GlobalOperator<C>, C> {
   }
 
  private:
+  template <int K>
+  friend class GlobalOperator;
+
   const AnisotropicCertificateMatrix* S_;
+  std::shared_ptr<const CertificateRows> rows_;
   double total_ = 0.0;
 };
 

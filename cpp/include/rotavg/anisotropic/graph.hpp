@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 #include <stdexcept>
@@ -53,13 +54,15 @@ class AnisotropicGraph {
     blocks_.reserve(precisions_.size());
     weights.reserve(precisions_.size());
     for (Index k = 0; k < num_edges(); ++k) {
-      precisions_[k] = checked_precision(k, precisions_[k]);
+      const Vector3 axes = checked_axes(k);
+      unevenness_ += std::sqrt(axes(2) / std::max(axes(0), 1e-12 * axes(2)));
       weights.push_back(precisions_[k].trace() / 6.0);
       Matrix3 M = -precisions_[k];
       add_to_diagonal(M, 3.0 * weights.back());
       blocks_.push_back(scalar_.edges()[k].i_from_j() * M);
     }
     scalar_.set_weights(weights);
+    unevenness_ /= std::max<double>(num_edges(), 1.0);
   }
 
   /// The same measurements with the weights tr(H) / 6, whose objective is the mean of f over all
@@ -73,6 +76,9 @@ class AnisotropicGraph {
 
   /// (m,) H.
   const std::vector<Matrix3>& precisions() const { return precisions_; }
+  /// How far H is from a multiple of I: the root of its largest eigenvalue over its least, the mean
+  /// over the edges; 1 where all axes are known alike.
+  double unevenness() const { return unevenness_; }
   const std::vector<FreeAxis>& free_axes() const { return free_axes_; }
   /// The block Rt_lq of a half-edge of node l.
   Matrix3 block(const HalfEdge& h) const {
@@ -81,28 +87,34 @@ class AnisotropicGraph {
   }
 
  private:
-  static Matrix3 checked_precision(Index k, const Matrix3& H) {
+  /// Makes H of edge k symmetric.
+  /// @returns its eigenvalues, rising
+  Vector3 checked_axes(Index k) {
     constexpr double slight = 1e-9;
+    Matrix3& H = precisions_[k];
     if (!H.allFinite()) throw InvalidEdge(k, "the precision holds a NaN or an infinity");
     const double size = H.cwiseAbs().maxCoeff();
     const Matrix3 symmetric = symmetric_part(H);
     if ((H - symmetric).cwiseAbs().maxCoeff() > slight * size) {
       throw InvalidEdge(k, "the precision is not symmetric");
     }
-    if (!(size > 0.0) || symmetric_eigen(symmetric).values(0) < -slight * size) {
+    const Vector3 axes = symmetric_eigen(symmetric).values;
+    if (!(size > 0.0) || axes(0) < -slight * size) {
       std::ostringstream reason;
       reason.precision(6);
-      reason << "the precision is zero or has a negative eigenvalue, "
-             << symmetric_eigen(symmetric).values(0) << "; expected it positive semidefinite";
+      reason << "the precision is zero or has a negative eigenvalue, " << axes(0)
+             << "; expected it positive semidefinite";
       throw InvalidEdge(k, reason.str());
     }
-    return symmetric;
+    H = symmetric;
+    return axes;
   }
 
   MeasurementGraph scalar_;
   std::vector<Matrix3> precisions_;
   std::vector<FreeAxis> free_axes_;
   std::vector<Matrix3> blocks_;  ///< N
+  double unevenness_ = 0.0;
 };
 
 /// Any block N_ij of Rt as a rotation and a precision: R_ij is the rotation nearest to N, and with

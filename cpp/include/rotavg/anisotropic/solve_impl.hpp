@@ -4,7 +4,6 @@
 #include <cstddef>
 #include <memory>
 #include <optional>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -167,20 +166,9 @@ class AnisotropicRun {
         break;
     }
     constexpr int sweeps = 3;
-    double flops = 0.0;
-    for (Elimination& elimination : eliminations_) flops += elimination.flops(3, max_flops);
-    std::ostringstream reason;
-    reason.precision(2);
-    if (flops > max_flops) {
-      solution.method = Method::sum;
-      reason << "sum on the covariances: the Hessian is too large to factor (" << flops
-             << " operations)";
-      solution.reason += reason.str();
-      return sum(graph_, R, limits);
-    }
     solution.method = Method::newton;
-    reason << "newton on the covariances after " << sweeps << " sweeps of bcd";
-    solution.reason += reason.str();
+    solution.reason +=
+        "newton on the covariances after " + std::to_string(sweeps) + " sweeps of bcd";
     IterationOptions first = limits;
     first.max_iterations = std::min(sweeps, limits.max_iterations);
     IterationResult result = bcd(graph_, R, first);

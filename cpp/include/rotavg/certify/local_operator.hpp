@@ -96,10 +96,10 @@ class LocalOperator : public OperatorColumns<LocalOperator<C>, C> {
       const HalfEdgeRows::Row half_edges = rows_->row(S_.nodes()[a]);
       for (const HalfEdge& h : half_edges) prefetch(&z[row[h.node]]);
       for (const HalfEdge& h : half_edges) {
-        add_product(MeasurementGraph::block(h), z[row[h.node]], sum);
+        this->add_product(MeasurementGraph::block(h), z[row[h.node]], sum);
       }
       Block diagonal = Block::Zero();
-      add_product(node.Lambda, z[a], diagonal);
+      this->add_product(node.Lambda, z[a], diagonal);
       const double s = scale / node.degree;
       for (int k = 0; k < 3 * C; ++k) {
         result[a](k) = s * (diagonal(k) - sum(k)) + shift * z[a](k) + factor * result[a](k);
@@ -111,7 +111,7 @@ class LocalOperator : public OperatorColumns<LocalOperator<C>, C> {
   void project(Vectors& z) const {
     auto mean = block_sum<Sums<3 * C>>(num_nodes(), num_threads_, [&](Index a) {
       Block turned = Block::Zero();
-      add_product(nodes_[a].R, z[a], turned);
+      this->add_product(nodes_[a].R, z[a], turned);
       Sums<3 * C> along;
       for (int k = 0; k < 3 * C; ++k) along.value[k] = nodes_[a].degree * turned(k);
       return along;
@@ -129,16 +129,6 @@ class LocalOperator : public OperatorColumns<LocalOperator<C>, C> {
  private:
   template <int K>
   friend class LocalOperator;
-
-  /// y += A x.
-  static void add_product(const Matrix3& A, const Block& x, Block& y) {
-    for (int c = 0; c < C; ++c) {
-      const double x_0 = x(0, c), x_1 = x(1, c), x_2 = x(2, c);
-      y(0, c) += A(0, 0) * x_0 + A(0, 1) * x_1 + A(0, 2) * x_2;
-      y(1, c) += A(1, 0) * x_0 + A(1, 1) * x_1 + A(1, 2) * x_2;
-      y(2, c) += A(2, 0) * x_0 + A(2, 1) * x_1 + A(2, 2) * x_2;
-    }
-  }
 
   using Node = LocalOperatorNode;
 

@@ -62,6 +62,13 @@ class Elimination {
     return operations * order_->multiplications;
   }
 
+  /// Entries of the factor below its diagonal, in blocks.
+  double nonzeros() {
+    if (size() == 0) return 0.0;
+    if (!order_) order_ = elimination_order(pattern());
+    return order_->nonzeros;
+  }
+
   /// Whether the order is known, so that flops() costs nothing.
   bool has_order() const { return order_.has_value(); }
 
