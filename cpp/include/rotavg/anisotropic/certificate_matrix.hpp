@@ -183,7 +183,7 @@ class AnisotropicCertificateMatrix {
   int num_threads_;
   const Components& components_;
   const std::vector<Index>& nodes_;
-  const std::vector<EdgeForce>& force_;
+  const LargeVector<EdgeForce>& force_;
   std::vector<Matrix3> W_;  ///< of every edge of the graph; those of other components are not set
   std::vector<Edge> edges_;
   std::vector<Matrix3> diagonal_;

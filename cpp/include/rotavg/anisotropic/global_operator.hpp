@@ -13,6 +13,7 @@
 #include <rotavg/certify/operator_columns.hpp>
 #include <rotavg/certify/random_start.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
+#include <rotavg/parallel/huge_pages.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/types.hpp>
@@ -41,7 +42,7 @@ struct CertificateRows {
   }
 
   std::vector<std::size_t> start;  ///< (n + 1,)
-  std::vector<Entry> entries;
+  LargeVector<Entry> entries;
 };
 
 /// M = D^-1/2 S D^-1/2 of one component with full covariances, on the complement of D^1/2 N, N =

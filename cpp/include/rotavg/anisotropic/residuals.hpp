@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 
 #include <rotavg/anisotropic/graph.hpp>
+#include <rotavg/parallel/huge_pages.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/objective.hpp>
@@ -94,7 +95,7 @@ class AnisotropicResiduals {
   const AnisotropicGraph& graph() const { return *graph_; }
   int num_threads() const { return num_threads_; }
   /// (m,)
-  const std::vector<EdgeForce>& operator()() const { return force_; }
+  const LargeVector<EdgeForce>& operator()() const { return force_; }
   double objective() const { return objective_; }
   /// How much rounding can have moved the objective: H is at most its trace, six weights.
   double objective_rounding() const {
@@ -128,7 +129,7 @@ class AnisotropicResiduals {
  private:
   const AnisotropicGraph* graph_;
   int num_threads_;
-  std::vector<EdgeForce> force_;
+  LargeVector<EdgeForce> force_;
   double objective_ = 0.0;
 };
 

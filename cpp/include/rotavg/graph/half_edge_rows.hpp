@@ -4,6 +4,7 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/parallel/huge_pages.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -51,7 +52,7 @@ class HalfEdgeRows {
   const Row& row(Index l) const { return rows_[static_cast<std::size_t>(l)]; }
 
  private:
-  std::vector<HalfEdge> half_edges_;
+  LargeVector<HalfEdge> half_edges_;
   std::vector<Row> rows_;
 };
 

@@ -12,6 +12,7 @@
 #include <rotavg/graph/edges.hpp>
 #include <rotavg/graph/measurement.hpp>
 #include <rotavg/graph/node_rows.hpp>
+#include <rotavg/parallel/huge_pages.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
@@ -70,7 +71,7 @@ class MeasurementGraph {
   const std::vector<NodeId>& nodes() const { return nodes_; }
   Edges edges() const { return {{edges_.data(), weights_.data()}, edges_.size()}; }
   /// The edges as the inner loops read them.
-  const std::vector<QuaternionEdge>& quaternion_edges() const { return edges_; }
+  const LargeVector<QuaternionEdge>& quaternion_edges() const { return edges_; }
   /// (m,) of the edges.
   const std::vector<double>& weights() const { return weights_; }
 
@@ -170,10 +171,10 @@ class MeasurementGraph {
   }
 
   std::vector<NodeId> nodes_;
-  std::vector<QuaternionEdge> edges_;
+  LargeVector<QuaternionEdge> edges_;
   std::vector<double> weights_;
   std::vector<std::size_t> row_start_;
-  std::vector<EdgeEnd> ends_;
+  LargeVector<EdgeEnd> ends_;
   std::vector<double> degree_;
   double total_weight_ = 0.0, max_weight_ = 0.0;
   double min_weight_ = std::numeric_limits<double>::infinity();

@@ -8,6 +8,7 @@
 #include <Eigen/Core>
 
 #include <rotavg/parallel/interruption.hpp>
+#include <rotavg/parallel/prefetch.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/types.hpp>
 
@@ -187,7 +188,7 @@ class PartialCholesky {
   /// The columns of the block in further rows, the first of which stands at A; packs them.
   void solve_rows(double* A, Index stride, Range rows, Index width, Interruption& interruption) {
     const double of_strip = 0.5 * tile_rows * width * width;
-    for_each_strip(rows.size, 0.5 * rows.size * width * width, [&](Index first) {
+    for_each_strip(rows.size, 0.5 * rows.size * width * width, 1, [&](Index first) {
       if (!interruption.goes_on(of_strip)) return;
       for (Index c = 0; c < width; c += tile_columns) {
         solve_strip(A + at(first, c, stride), stride, std::min(tile_rows, rows.size - first), 0,
@@ -197,31 +198,54 @@ class PartialCholesky {
     });
   }
 
-  /// C -= A B^T, C of size A.size x B.size; only its lower triangle where A and B are the same.
+  /// C -= A B^T, C of size A.size x B.size; only its lower triangle where A and B are the same. A
+  /// few strips of A at a time, so that B, which the nearer caches do not hold, is not read anew
+  /// for each; and each tile of C is asked for before its product.
   void subtract_products(double* C, Index stride, Range A, Range B, Interruption& interruption) {
     const bool lower = &A.packed == &B.packed;
-    const double of_column = static_cast<double>(tile_rows) * A.packed.depth();
+    const Index depth = A.packed.depth();
+    const double of_column = static_cast<double>(tile_rows) * depth;
     const double all = of_column * A.packed.num_strips() * B.size;
-    for_each_strip(A.size, lower ? 0.5 * all : all, [&](Index row) {
-      const Index rows = std::min(tile_rows, A.size - row);
-      const Index columns = lower ? row + rows : B.size;
-      if (!interruption.goes_on(columns * of_column)) return;
-      const double* const strip = A.packed.row(A.begin + row);
-      for (Index c = 0; c < columns; c += tile_columns) {
-        const Tile tile(strip, B.packed.row(B.begin + c), A.packed.depth());
-        tile.subtract_from(C + at(row, c, stride), stride, rows,
-                           std::min(tile_columns, B.size - c));
+    // As many as are some 300 KB, if they leave threads something to share.
+    const Index together = std::clamp(A.packed.num_strips() / 12, Index{4}, Index{32});
+    for_each_strip(A.size, lower ? 0.5 * all : all, together, [&](Index first) {
+      const Index end = std::min(A.size, first + together * tile_rows);
+      const Index columns = lower ? end : B.size;
+      if (!interruption.goes_on(columns * of_column * together)) return;
+      for (Index left = 0; left < columns; left += tile_rows) {
+        for (Index row = lower ? std::max(first, left) : first; row < end; row += tile_rows) {
+          const Index rows = std::min(tile_rows, A.size - row);
+          const double* const strip = A.packed.row(A.begin + row);
+          const Index right = std::min({left + tile_rows, B.size, lower ? row + rows : B.size});
+          for (Index c = left; c < right; c += tile_columns) {
+            double* const target = C + at(row, c, stride);
+            const Index width = std::min(tile_columns, B.size - c);
+            prefetch_tile(target, stride, width);
+            const Tile tile(strip, B.packed.row(B.begin + c), depth);
+            tile.subtract_from(target, stride, rows, width);
+          }
+        }
       }
     });
   }
 
-  /// Calls f for the first row of every strip of so many rows, on as many threads as the work is
+  static void prefetch_tile(const double* C, Index stride, Index columns) {
+    constexpr std::size_t line = 64;
+    for (Index c = 0; c < columns; ++c, C += stride) {
+      const char* const first = reinterpret_cast<const char*>(C);
+      for (std::size_t byte = 0; byte < tile_rows * sizeof(double); byte += line) {
+        prefetch(first + byte);
+      }
+    }
+  }
+
+  /// Calls f for the first row of every so many strips, on as many threads as the work is
   /// worth; the last strips, which may be longest, first.
   template <typename Function>
-  void for_each_strip(Index rows, double multiplications, Function&& f) {
-    const Index strips = (rows + tile_rows - 1) / tile_rows;
-    parallel_for(strips, threads_for(num_threads_, multiplications),
-                 [&](Index k) { f((strips - 1 - k) * tile_rows); });
+  void for_each_strip(Index rows, double multiplications, Index together, Function&& f) {
+    const Index step = together * tile_rows, steps = (rows + step - 1) / step;
+    parallel_for(steps, threads_for(num_threads_, multiplications),
+                 [&](Index k) { f((steps - 1 - k) * step); });
   }
 
   /// Subtracts from a diagonal block what the columns before c contribute, and factorises it.

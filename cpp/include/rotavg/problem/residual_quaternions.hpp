@@ -7,6 +7,7 @@
 #include <Eigen/Core>
 
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/parallel/huge_pages.hpp>
 #include <rotavg/parallel/prefetch.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/gradient.hpp>
@@ -66,7 +67,7 @@ class ResidualQuaternions {
   const MeasurementGraph& graph() const { return *graph_; }
   int num_threads() const { return num_threads_; }
   /// (m,) x, y, z, w of every edge.
-  const std::vector<Vector4>& operator()() const { return e_; }
+  const LargeVector<Vector4>& operator()() const { return e_; }
   double objective() const { return objective_; }
   /// How much rounding can have moved the objective.
   double objective_rounding() const { return rotavg::objective_rounding(*graph_, objective_); }
@@ -95,7 +96,7 @@ class ResidualQuaternions {
  private:
   const MeasurementGraph* graph_;
   int num_threads_;
-  std::vector<Vector4> e_;
+  LargeVector<Vector4> e_;
   double objective_ = 0.0;
 };
 

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/parallel/huge_pages.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
@@ -132,7 +133,7 @@ class RobustResiduals {
   const MeasurementGraph* graph_;
   const std::vector<double>* precision_;
   int num_threads_;
-  std::vector<Vector4> pull_;  ///< (m,) an eighth of the gradient at i, and the weight
+  LargeVector<Vector4> pull_;  ///< (m,) an eighth of the gradient at i, and the weight
   double objective_ = 0.0;
 };
 
