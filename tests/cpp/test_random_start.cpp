@@ -189,3 +189,36 @@ TEST_CASE("other seeds draw other starts, the same seed the same") {
   CHECK(one[7] == again[7]);
   CHECK(one[7] != other[7]);
 }
+
+TEST_CASE("too few products are known to be too few before most of them are made") {
+  Random random;
+  INFO(random.replay());
+  const auto graph_of = [&](const test::Pairs& pairs) {
+    return MeasurementGraph(test::simulate(random, pairs, 0.01));
+  };
+  int may = 0, may_not = 0;
+  for (const MeasurementGraph& graph :
+       {graph_of(test::complete(40)), graph_of(test::cycle(60)), graph_of(test::grid(12, 12)),
+        graph_of(test::random_connected(random, 200, 800))}) {
+    const CertificateAt at(graph, solve(graph).rotations);
+    for (const double products : {20.0, 100.0, 400.0, 5000.0}) {
+      RandomStartOptions options;
+      options.seed = random.seed();
+      RandomStart start(at.S, at.q, options);
+      start.limit_products(products);
+      CAPTURE(products);
+      CAPTURE(graph.num_edges());
+      const bool may_do = start.may_do();
+      const auto outcome = start().outcome;
+      // The estimate is above the eigenvalue: what it rules out is out of the question.
+      if (!may_do) CHECK(outcome == RandomStartOutcome::inconclusive);
+      if (may_do) CHECK(outcome == RandomStartOutcome::positive);
+      (may_do ? may : may_not) += 1;
+    }
+    RandomStartOptions none;
+    none.failure_probability = 0.0;
+    CHECK_FALSE(RandomStart(at.S, at.q, none).may_do());
+  }
+  CHECK(may > 0);
+  CHECK(may_not > 0);
+}

@@ -88,8 +88,10 @@ inline ComponentBound bound_component_by_random_start(const AnisotropicCertifica
     const double flops = elimination.flops(3, options.max_factorization_flops);
     start.max_products = std::min(start.max_products, flops / product);
   }
-  const RandomStartResult result = RandomStartOf<GlobalOperator>(GlobalOperator<2>(S), start)();
   ComponentBound bound;
+  RandomStartOf<GlobalOperator> random_start(GlobalOperator<2>(S), start);
+  if (can_factorize && !random_start.may_do()) return bound;
+  const RandomStartResult result = random_start();
   if (result.outcome == RandomStartOutcome::positive) {
     bound = bound_by_random_start(S, result.cut);
     bound.failure_probability = options.failure_probability;

@@ -82,8 +82,10 @@ class ComponentBounds {
     if (options_.failure_probability > 0.0) {
       RandomStart random_start(S_, q_, random_start_options());
       if (can_factorize) random_start.limit_products(by_factor / cost(1.0));
-      bound = by_random_start(random_start);
-      if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
+      if (!can_factorize || random_start.may_do()) {
+        bound = by_random_start(random_start);
+        if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
+      }
     }
     if (can_factorize) {
       if (const auto by_factorization = factorized()) return *by_factorization;

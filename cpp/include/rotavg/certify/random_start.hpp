@@ -91,6 +91,16 @@ class RandomStartOf {
     return value > bound;
   }
 
+  /// Whether so many products may do as there are at most: they do not where theta is small, which
+  /// takes few to know.
+  bool may_do() {
+    if (!(options_.failure_probability > 0.0)) return false;
+    // As with_estimate() has it, for one round: 2 acosh(2 / t) / eta products.
+    const double eta = 2.0 * std::acosh(2.0 / threshold(1)) / options_.max_products;
+    const double x = std::cosh(eta) - 1.0;  // 2 (tau - cut) / (2 - tau)
+    return theta_exceeds(2.0 * x / (2.0 * (1.0 - cut_share) + x) / tau_share);
+  }
+
   Result operator()() {
     Result result = with_estimate(theta());
     // Where |y| grew, tau was too large, and y tells by how much.
@@ -110,14 +120,11 @@ class RandomStartOf {
     // The estimate itself is not below the smallest eigenvalue.
     if (!stopped_ && theta < -2.0 * error(1.0)) result.outcome = RandomStartOutcome::negative;
     if (result.outcome != RandomStartOutcome::inconclusive) return result;
-    // The larger tau, the fewer steps; but |y| grows where it exceeds the smallest eigenvalue.
-    constexpr double tau_share = 0.9, cut_share = 0.125;
     const double tau = std::clamp(tau_share * theta, smallest, 1.0), cut = cut_share * tau;
     const double eta = std::acosh(1.0 + 2.0 * (tau - cut) / (2.0 - tau));
     constexpr int most_rounds = 3;
     for (int rounds = 1; rounds <= most_rounds; ++rounds) {
-      const double share = std::pow(options_.failure_probability, 0.5 / rounds);
-      const double t = share / (std::sqrt(2.0 / pi_) * std::sqrt(double(operator_.dimension())));
+      const double t = threshold(rounds);
       // |y| stays below one: what rounding will amount to.
       const double r = error(1.0) / (std::sinh(eta) * (1.0 - std::exp(-eta)));
       if (r > 0.5 * t && rounds < most_rounds) continue;
@@ -138,6 +145,14 @@ class RandomStartOf {
   using Vectors = typename Operator::Vectors;
   static constexpr double pi_ = 3.141592653589793;
   static constexpr double smallest = 1e-9;  ///< tau
+  // The larger tau, the fewer steps; but |y| grows where it exceeds the smallest eigenvalue.
+  static constexpr double tau_share = 0.9, cut_share = 0.125;
+
+  /// t, where so many rounds are to reach the probability together.
+  double threshold(int rounds) const {
+    const double share = std::pow(options_.failure_probability, 0.5 / rounds);
+    return share / (std::sqrt(2.0 / pi_) * std::sqrt(double(operator_.dimension())));
+  }
 
   bool goes_on() {
     stopped_ = stopped_ || (options_.keep_going && !options_.keep_going());
