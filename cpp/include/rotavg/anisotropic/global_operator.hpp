@@ -102,12 +102,12 @@ class GlobalOperator : public OperatorColumns<GlobalOperator<C>, C> {
 
   /// Onto the complement: N^T D z = 0.
   void project(Vectors& z) const {
-    const auto mean = block_sum<Sums<3 * C>>(num_nodes(), num_threads(), [&](Index a) {
+    const auto mean = block_sum<Sums<3 * C>>(num_nodes(), this->node_threads(), [&](Index a) {
       Sums<3 * C> along;
       for (int k = 0; k < 3 * C; ++k) along.value[k] = degree(a) * z[a](k);
       return along;
     });
-    parallel_for(num_nodes(), num_threads(), [&](Index a) {
+    parallel_for(num_nodes(), this->node_threads(), [&](Index a) {
       for (int k = 0; k < 3 * C; ++k) z[a](k) -= mean.value[k] / total_;
     });
   }

@@ -109,7 +109,7 @@ class LocalOperator : public OperatorColumns<LocalOperator<C>, C> {
 
   /// Onto the complement: N^T D z = 0, with a block R_i^T of N for every node.
   void project(Vectors& z) const {
-    auto mean = block_sum<Sums<3 * C>>(num_nodes(), num_threads_, [&](Index a) {
+    auto mean = block_sum<Sums<3 * C>>(num_nodes(), this->node_threads(), [&](Index a) {
       Block turned = Block::Zero();
       this->add_product(nodes_[a].R, z[a], turned);
       Sums<3 * C> along;
@@ -117,7 +117,7 @@ class LocalOperator : public OperatorColumns<LocalOperator<C>, C> {
       return along;
     });
     for (double& entry : mean.value) entry /= total_degree_;
-    parallel_for(num_nodes(), num_threads_, [&](Index a) {
+    parallel_for(num_nodes(), this->node_threads(), [&](Index a) {
       const Matrix3& R = nodes_[a].R;
       for (int c = 0; c < C; ++c) {
         const double* const x = mean.value + 3 * c;

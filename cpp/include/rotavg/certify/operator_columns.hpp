@@ -10,6 +10,7 @@
 #include <Eigen/Core>
 
 #include <rotavg/parallel/reduce.hpp>
+#include <rotavg/parallel/threads.hpp>
 #include <rotavg/so3/random.hpp>
 #include <rotavg/types.hpp>
 
@@ -42,7 +43,7 @@ class OperatorColumns {
 
   /// Of every column of x and of y, x^T D y.
   Row products(const Vectors& x, const Vectors& y) const {
-    const auto sums = block_sum<Sums<C>>(self().num_nodes(), self().num_threads(), [&](Index a) {
+    const auto sums = block_sum<Sums<C>>(self().num_nodes(), node_threads(), [&](Index a) {
       Sums<C> products;
       const double degree = self().degree(a);
       for (int c = 0; c < C; ++c) {
@@ -77,6 +78,10 @@ class OperatorColumns {
   }
 
  protected:
+  /// For loops over the nodes.
+  int node_threads() const {
+    return threads_for_nodes(self().num_threads(), C * self().num_nodes());
+  }
   /// y += A x. (Eigen's product is slower here.)
   static void add_product(const Matrix3& A, const Block& x, Block& y) {
     for (int c = 0; c < C; ++c) {

@@ -178,13 +178,13 @@ class RandomStartOf {
     // Between z and y = D^1/2 z.
     const auto scaled = [&](const Single& from) {
       Eigen::VectorXd y(3 * static_cast<Eigen::Index>(n));
-      parallel_for(n, num_threads, [&](Index a) {
+      parallel_for(n, threads_for_nodes(num_threads, n), [&](Index a) {
         for (int k = 0; k < 3; ++k) y(3 * a + k) = root[a] * from[a](k);
       });
       return y;
     };
     const auto unscale = [&](const Eigen::VectorXd& y) {
-      parallel_for(n, num_threads, [&](Index a) {
+      parallel_for(n, threads_for_nodes(num_threads, n), [&](Index a) {
         for (int k = 0; k < 3; ++k) z[a](k) = y(3 * a + k) / root[a];
       });
     };

@@ -37,7 +37,8 @@ namespace rotavg {
 /// on processors that others use it goes through the tasks alone, as one thread would. Which thread
 /// takes a task decides nothing about what the task computes. And where it had to wait longer for
 /// helpers (which other programs may hold up in the middle of a task) than they worked for it, it
-/// does without them for twenty times what that lost: so they cost a twentieth at most.
+/// does without them for some time: for twice what that lost, which may have been chance, and for
+/// longer and longer where it happens again, up to fifty times.
 ///
 /// Every thread that calls has its own team, made when it is first needed; helpers sleep between
 /// calls. After a fork the child makes a new one.
@@ -100,7 +101,13 @@ class Team {
     state_->finish([&] { job.guarded(idle); });
     const auto after = Clock::now();
     const Clock::duration lost = (posted - before) + (after - done) - Clock::duration(job.helped);
-    if (lost > Clock::duration::zero()) alone_until_ = after + 20 * lost;
+    constexpr int least = 2, most = 50;
+    if (lost > Clock::duration::zero()) {
+      alone_until_ = after + distrust_ * lost;
+      distrust_ = std::min(2 * distrust_, most);
+    } else {
+      distrust_ = std::max(distrust_ / 2, least);
+    }
     job.rethrow();
   }
 
@@ -276,6 +283,7 @@ class Team {
   std::unique_ptr<State> state_;
   long process_ = 0;
   Clock::time_point alone_until_{};
+  int distrust_ = 2;  ///< how many times what was lost it goes on alone
 };
 
 }  // namespace rotavg

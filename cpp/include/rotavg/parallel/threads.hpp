@@ -26,7 +26,7 @@ inline int resolve_num_threads(int requested) {
 /// As many of the threads as some work is worth, in multiplications or what takes as long: less
 /// takes less time than threads take to meet.
 inline int threads_for(int num_threads, double work) {
-  constexpr double worthwhile = 5e5;
+  constexpr double worthwhile = 2.5e5;
   return static_cast<int>(std::clamp(work / worthwhile, 1.0, std::max(1.0, 1.0 * num_threads)));
 }
 
@@ -36,6 +36,11 @@ constexpr double work_of_pass = 30.0;
 /// The same for passes over so many edges.
 inline int resolve_num_threads(int requested, Index num_edges) {
   return threads_for(resolve_num_threads(requested), 2.0 * work_of_pass * num_edges);
+}
+
+/// The same for loops that do little for each of so many nodes, some tens of multiplications.
+inline int threads_for_nodes(int num_threads, Index num_nodes) {
+  return threads_for(num_threads, work_of_pass * num_nodes);
 }
 
 /// Calls f(k) for k = 0 … count-1, in any order, on at most `num_threads` threads. Calls must not

@@ -32,7 +32,8 @@ class AndersonMixing {
  public:
   /// @param graph must outlive this object
   AndersonMixing(const MeasurementGraph& graph, int num_threads)
-      : graph_(graph), num_threads_(resolve_num_threads(num_threads, graph.num_nodes())) {
+      : graph_(graph),
+        num_threads_(threads_for_nodes(resolve_num_threads(num_threads), graph.num_nodes())) {
     for (Index l = 0; l < graph.num_nodes(); ++l) {
       max_degree_ = std::max(max_degree_, graph.degree(l));
     }

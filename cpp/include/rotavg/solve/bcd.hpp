@@ -50,14 +50,16 @@ double bcd_sweep(const Rows& rows, Quaternions& q, const Monitor& monitor,
 template <typename Rows>
 double bcd_sweep(const Rows& rows, const Coloring& coloring, Quaternions& q, const Monitor& monitor,
                  SweepOrder order = SweepOrder::rising) {
+  constexpr double work_of_loso = 300.0;
+  const double work =
+      work_of_pass * 2.0 * rows.num_edges() + work_of_loso * rows.num_nodes();  // of all colours
   double step = 0.0;
   for (Index k = 0; k < coloring.num_colors() && monitor.keep_going(); ++k) {
     const Index c = order == SweepOrder::rising ? k : coloring.num_colors() - 1 - k;
     const Index* const nodes = coloring.node.data() + coloring.start[c];
     const Index size = coloring.start[c + 1] - coloring.start[c];
     const double share = static_cast<double>(size) / rows.num_nodes();
-    const int num_threads =
-        threads_for(monitor.num_threads(), share * work_of_pass * 2.0 * rows.num_edges());
+    const int num_threads = threads_for(monitor.num_threads(), share * work);
     step += block_sum<double>(size, num_threads, [&](Index a) {
       const Index l = nodes[a];
       if (rows.row(l).size() == 0) return 0.0;
