@@ -13,7 +13,7 @@ import rotavg
 from rotavg.cli import options
 from rotavg.cli.options import choice, number
 from rotavg.io.edges import read_edge_list
-from rotavg.solving.edge_masks import edge_mask, odometry
+from rotavg.solving.known_edges import edge_mask, odometry
 
 _OPTIONS = (
     number("--min-cycles", click.IntRange(1), 3, "Fewest cycles that --cycle-threshold goes by."),
