@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import get_args
 
@@ -18,16 +16,7 @@ from rotavg.graph.conventions import Convention
 from rotavg.io import FORMATS
 from rotavg.solving.robust import Loss
 from rotavg.solving.solve import Gauge, Init, Method, Mu, Stop, WeightKind
-
-
-def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "rotavg", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        check=False,
-    )
+from test_cli import run
 
 
 @pytest.fixture

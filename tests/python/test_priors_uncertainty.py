@@ -12,8 +12,7 @@ from rotavg.graph.conventions import matrices_from_rotvecs
 from rotavg.priors.grounded import ground
 from rotavg.solving.robust import Loss
 from rotavg.solving.uncertainty import estimated_noise_variance
-
-DOWN = np.array([0.0, 1.0, 0.0])
+from test_priors import DOWN, downs
 
 
 @pytest.fixture
@@ -25,11 +24,6 @@ def simulation() -> rotavg.Simulation:
 def truth(simulation: rotavg.Simulation) -> NDArray[np.float64]:
     """In a world of its own."""
     return matrices_from_rotvecs([0.4, -1.0, 2.0]) @ simulation.ground_truth
-
-
-def downs(truth: NDArray[np.float64], tilt: float, seed: int = 0) -> NDArray[np.float64]:
-    noise = matrices_from_rotvecs(np.random.default_rng(seed).normal(size=(len(truth), 3)) * tilt)
-    return np.einsum("kab,kcb,c->ka", noise, truth, DOWN)
 
 
 def test_covariances_with_priors_predict_monte_carlo(truth: NDArray[np.float64]) -> None:
