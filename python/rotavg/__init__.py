@@ -49,12 +49,15 @@ from rotavg.graph.translations import RelativeTranslations
 from rotavg.priors.priors import Priors, Rigs
 from rotavg.priors.rigs import RigFit
 from rotavg.solving.certificate import Certificate, ComponentCertificate, Shortfall, Verdict
+from rotavg.solving.certify import certify
+from rotavg.solving.cycle_evidence import CycleEvidence, cycle_evidence
 from rotavg.solving.diagnosis import Diagnosis, Share, diagnose
 from rotavg.solving.headings import solve_headings
+from rotavg.solving.objective import gradient, objective
 from rotavg.solving.online import Online, OnlineSolution
-from rotavg.solving.robust import CycleEvidence, PriorFit, RobustFit, cycle_evidence
+from rotavg.solving.robust import PriorFit, RobustFit
 from rotavg.solving.solution import Interrupted, Solution
-from rotavg.solving.solve import certify, gradient, objective, solve
+from rotavg.solving.solve import solve
 from rotavg.solving.status import Status, Timings, Trace
 
 if TYPE_CHECKING:

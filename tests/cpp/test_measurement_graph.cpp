@@ -8,11 +8,7 @@
 
 #include <doctest/doctest.h>
 
-#include <rotavg/graph/algebraic_connectivity.hpp>
-#include <rotavg/graph/breadth_first.hpp>
-#include <rotavg/graph/components.hpp>
 #include <rotavg/graph/half_edge_rows.hpp>
-#include <rotavg/graph/laplacian.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 
 #include "support/dense.hpp"
@@ -24,7 +20,6 @@ using rotavg::test::Random;
 
 namespace {
 
-constexpr double pi = 3.141592653589793;
 constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN();
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
@@ -37,48 +32,13 @@ Eigen::MatrixXd measurements_from_rows(const MeasurementGraph& graph) {
   return Rt;
 }
 
-/// Edges between all pairs of nodes by Floyd's algorithm; n where there is no path.
-Eigen::MatrixXi distances(const MeasurementGraph& graph) {
-  const Index n = graph.num_nodes();
-  Eigen::MatrixXi distance = Eigen::MatrixXi::Constant(n, n, n);
-  distance.diagonal().setZero();
-  for (const Edge& e : graph.edges()) distance(e.i, e.j) = distance(e.j, e.i) = 1;
-  for (Index k = 0; k < n; ++k) {
-    for (Index i = 0; i < n; ++i) {
-      for (Index j = 0; j < n; ++j) {
-        distance(i, j) = std::min(distance(i, j), distance(i, k) + distance(k, j));
-      }
-    }
-  }
-  return distance;
-}
-
-/// Up to 12 nodes and few edges: several components, isolated nodes and parallel edges.
-MeasurementGraph scattered_graph(Random& random) {
-  const Index n = 2 + random.below(11);
-  test::Pairs pairs;
-  for (Index k = 1 + random.below(n); k > 0; --k) {
-    const Index i = random.below(n);
-    pairs.emplace_back(i, (i + 1 + random.below(n - 1)) % n);
-  }
-  auto measurements = test::measure(random, pairs, random.rotations(n), 1.0);
-  test::spread_weights(random, 1.0, measurements);
-  std::vector<NodeId> nodes;
-  for (NodeId id = 0; id < n; ++id) nodes.push_back(id);
-  return MeasurementGraph(measurements, nodes);
-}
-
-double connectivity(const MeasurementGraph& graph, Index component = 0) {
-  return algebraic_connectivity(graph, connected_components(graph), component);
-}
-
 }  // namespace
 
 TEST_CASE("the rows hold the symmetric block matrix Rt, parallel edges added up") {
   Random random;
   INFO(random.replay());
   for (int k = 0; k < 100; ++k) {
-    const MeasurementGraph graph = scattered_graph(random);
+    const MeasurementGraph graph = test::scattered_graph(random);
     const Eigen::MatrixXd Rt = test::dense_measurements(graph);
     REQUIRE((measurements_from_rows(graph) - Rt).norm() <= 1e-15 * Rt.norm());
     REQUIRE((Rt - Rt.transpose()).norm() == 0.0);
@@ -241,7 +201,7 @@ TEST_CASE("rows of half-edges one behind the other are those of the graph, in an
   Random random;
   INFO(random.replay());
   for (int k = 0; k < 50; ++k) {
-    const MeasurementGraph graph = scattered_graph(random);
+    const MeasurementGraph graph = test::scattered_graph(random);
     std::vector<Index> order(static_cast<std::size_t>(graph.num_nodes()));
     std::iota(order.rbegin(), order.rend(), 0);
     const HalfEdgeRows plain(graph), reversed(graph, &order);
@@ -286,162 +246,4 @@ TEST_CASE("ids that count up need no list, from wherever they do") {
   }
   CHECK(NodeRows({}).find(0) == -1);
   CHECK(NodeRows({5, 4}).find(4) == 1);
-}
-
-TEST_CASE("components are the classes of nodes with a path between them") {
-  Random random;
-  INFO(random.replay());
-  for (int k = 0; k < 200; ++k) {
-    const MeasurementGraph graph = scattered_graph(random);
-    const Index n = graph.num_nodes();
-    const Eigen::MatrixXi distance = distances(graph);
-    const Components components = connected_components(graph);
-    Index nodes_seen = 0;
-    for (Index c = 0; c < components.size(); ++c) {
-      const auto& nodes = components.nodes[c];
-      nodes_seen += static_cast<Index>(nodes.size());
-      REQUIRE(std::is_sorted(nodes.begin(), nodes.end()));
-      REQUIRE(components.root(c) == nodes.front());
-      if (c > 0) REQUIRE(components.root(c - 1) < components.root(c));
-      for (std::size_t row = 0; row < nodes.size(); ++row) {
-        REQUIRE(components.label[nodes[row]] == c);
-        REQUIRE(components.row_in_component[nodes[row]] == static_cast<Index>(row));
-      }
-    }
-    REQUIRE(nodes_seen == n);
-    for (Index i = 0; i < n; ++i) {
-      for (Index j = 0; j < n; ++j) {
-        REQUIRE((components.label[i] == components.label[j]) == (distance(i, j) < n));
-      }
-    }
-  }
-}
-
-TEST_CASE("the breadth-first forest has the shortest paths to the first node of each component") {
-  Random random;
-  INFO(random.replay());
-  for (int k = 0; k < 200; ++k) {
-    const MeasurementGraph graph = scattered_graph(random);
-    const Eigen::MatrixXi distance = distances(graph);
-    const Components components = connected_components(graph);
-    const BreadthFirstForest forest = breadth_first_forest(graph);
-    std::vector<bool> seen(static_cast<std::size_t>(graph.num_nodes()), false);
-    for (const Index i : forest.order) {
-      const Index root = components.root(components.label[i]);
-      const Index parent = forest.parent[i];
-      REQUIRE(forest.depth[i] == distance(root, i));
-      REQUIRE((parent < 0) == (i == root));
-      if (parent >= 0) {
-        REQUIRE(seen[parent]);
-        REQUIRE(forest.depth[i] == forest.depth[parent] + 1);
-        const Edge& e = graph.edges()[forest.tree_edge[i]];
-        REQUIRE(((e.i == i && e.j == parent) || (e.i == parent && e.j == i)));
-      } else {
-        REQUIRE(forest.tree_edge[i] == -1);
-      }
-      REQUIRE(!seen[i]);
-      seen[i] = true;
-    }
-    REQUIRE(forest.order.size() == static_cast<std::size_t>(graph.num_nodes()));
-  }
-}
-
-TEST_CASE("an edge closes a cycle of one edge more than the tree path between its ends") {
-  Random random;
-  INFO(random.replay());
-  for (int k = 0; k < 100; ++k) {
-    const MeasurementGraph graph = scattered_graph(random);
-    const BreadthFirstForest forest = breadth_first_forest(graph);
-    std::vector<RelativeRotation> tree_edges;
-    for (NodeId i = 0; i < graph.num_nodes(); ++i) {
-      if (forest.parent[i] >= 0) tree_edges.push_back({i, forest.parent[i]});
-    }
-    const Eigen::MatrixXi tree_distance = distances(MeasurementGraph(tree_edges, graph.nodes()));
-    std::vector<bool> in_tree(static_cast<std::size_t>(graph.num_edges()), false);
-    for (const Index edge : forest.tree_edge) {
-      if (edge >= 0) in_tree[edge] = true;
-    }
-    for (Index edge = 0; edge < graph.num_edges(); ++edge) {
-      const Edge& e = graph.edges()[edge];
-      const Index expected = in_tree[edge] ? 1 : tree_distance(e.i, e.j) + 1;
-      REQUIRE(fundamental_cycle_length(graph, forest, edge) == expected);
-    }
-  }
-}
-
-TEST_CASE("an edge parallel to one of the forest closes a cycle of two edges") {
-  const MeasurementGraph graph({{0, 1}, {1, 2}, {1, 0}});
-  const BreadthFirstForest forest = breadth_first_forest(graph);
-  CHECK(fundamental_cycle_length(graph, forest, 0) == 1);
-  CHECK(fundamental_cycle_length(graph, forest, 1) == 1);
-  CHECK(fundamental_cycle_length(graph, forest, 2) == 2);
-}
-
-TEST_CASE("the algebraic connectivity of cycles, paths and complete graphs is the closed form") {
-  Random random;
-  INFO(random.replay());
-  for (const Index n : {3, 4, 5, 20, 101, 1000}) {
-    CAPTURE(n);
-    const double of_cycle = 2.0 - 2.0 * std::cos(2.0 * pi / n);
-    const double of_path = 2.0 - 2.0 * std::cos(pi / n);
-    CHECK(connectivity(simulate_graph(random, test::cycle(n), 1.0)) ==
-          doctest::Approx(of_cycle).epsilon(1e-7));
-    CHECK(connectivity(simulate_graph(random, test::path(n), 1.0)) ==
-          doctest::Approx(of_path).epsilon(1e-7));
-  }
-  for (const Index n : {2, 3, 4, 5, 20, 60}) {
-    CAPTURE(n);
-    CHECK(connectivity(simulate_graph(random, test::complete(n), 1.0)) ==
-          doctest::Approx(n).epsilon(1e-9));
-  }
-}
-
-TEST_CASE("the algebraic connectivity is the second eigenvalue of each component's Laplacian") {
-  Random random;
-  INFO(random.replay());
-  for (int k = 0; k < 100; ++k) {
-    const MeasurementGraph graph = scattered_graph(random);
-    const Components components = connected_components(graph);
-    for (Index c = 0; c < components.size(); ++c) {
-      const auto size = static_cast<Eigen::Index>(components.nodes[c].size());
-      const double lambda_2 = algebraic_connectivity(graph, components, c);
-      if (size == 1) {
-        REQUIRE(std::isnan(lambda_2));
-        continue;
-      }
-      Eigen::MatrixXd L = Eigen::MatrixXd::Zero(size, size);
-      for (const Edge& e : graph.edges()) {
-        if (components.label[e.i] != c) continue;
-        const Index a = components.row_in_component[e.i], b = components.row_in_component[e.j];
-        L(a, a) += e.weight;
-        L(b, b) += e.weight;
-        L(a, b) -= e.weight;
-        L(b, a) -= e.weight;
-      }
-      const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(size, size);
-      REQUIRE((apply_laplacian(graph, components, c, identity) - L).norm() <= 1e-14 * L.norm());
-      REQUIRE(lambda_2 == doctest::Approx(test::dense_eigenvalues(L)(1)).epsilon(1e-7));
-    }
-  }
-}
-
-TEST_CASE("the algebraic connectivity scales with the weights") {
-  Random random;
-  INFO(random.replay());
-  auto measurements = test::simulate(random, test::random_connected(random, 20, 30), 1.0);
-  const double of_ones = connectivity(MeasurementGraph(measurements));
-  for (const double scale : {1e-90, 1e-6, 1e6, 1e90}) {
-    for (RelativeRotation& m : measurements) m.weight = scale;
-    CHECK(connectivity(MeasurementGraph(measurements)) / scale ==
-          doctest::Approx(of_ones).epsilon(1e-8));
-  }
-}
-
-TEST_CASE("an algebraic connectivity whose computation was stopped is NaN") {
-  Random random;
-  INFO(random.replay());
-  const MeasurementGraph graph = simulate_graph(random, test::grid(20, 20), 1.0);
-  const Components components = connected_components(graph);
-  const auto stop = [] { return false; };
-  CHECK(std::isnan(algebraic_connectivity(graph, components, 0, stop)));
 }

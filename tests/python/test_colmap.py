@@ -21,7 +21,7 @@ from rotavg.base.errors import (
 from rotavg.colmap import from_pose_graph, run_rotation_averaging, to_pose_graph
 from rotavg.graph.conventions import matrices_from_quaternions, quaternions_from_matrices
 from rotavg.io import read, read_gravity, write
-from rotavg.io.colmap_database import pair_id_of, pair_of
+from rotavg.io.colmap_sqlite import pair_id_of, pair_of
 
 WITHOUT = "pycolmap is not installed: pip install rotavg[colmap]"
 IDENTITY = [1.0, 0, 0, 0]

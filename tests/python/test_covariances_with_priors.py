@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import rotavg
-from benchmarks.anisotropic import RATIOS, simulated
+from benchmarks.anisotropic_graphs import RATIOS, simulated
 from rotavg.graph.conventions import matrices_from_rotvecs
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 import rotavg
-from benchmarks.anisotropic import RATIOS, simulated, theory
+from benchmarks.anisotropic_graphs import RATIOS, simulated, theory
 from benchmarks.relaxation import accuracy, matrix_weights, relaxation
 from rotavg.graph.conventions import matrices_from_rotvecs
 from rotavg.graph.covariances import information

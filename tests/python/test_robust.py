@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import rotavg
-from rotavg.solving.robust import contamination
+from rotavg.solving.contamination import contamination
 from shared_data import shared_data
 
 LOSSES = ("auto", "huber", "l1", "l_half", "cauchy", "geman_mcclure", "tls")

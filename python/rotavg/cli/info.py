@@ -14,7 +14,8 @@ from rotavg.cli.command import Command
 from rotavg.cli.output import print_json, print_notes, print_table
 from rotavg.cli.progress import working
 from rotavg.cli.reading import read_graph, reading_options
-from rotavg.solving.robust import bridges, contamination
+from rotavg.solving.contamination import contamination
+from rotavg.solving.unchecked import bridges
 
 
 @click.command(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import rotavg
 from rotavg.cli import options
 from rotavg.cli.options import choice, number
 from rotavg.io.edges import read_edge_list
-from rotavg.solving.edge_masks import edge_mask, odometry
+from rotavg.solving.known_edges import edge_mask, odometry
 
 _OPTIONS = (
     number("--min-cycles", click.IntRange(1), 3, "Fewest cycles that --cycle-threshold goes by."),
@@ -44,6 +45,20 @@ _OPTIONS = (
 )
 
 
+@dataclass(frozen=True)
+class KnownEdges:
+    """The options about what is known of edges, but for weights and cycles, by their names."""
+
+    trusted_path: Path | None
+    trust_odometry: bool
+    excluded_path: Path | None
+
+    @property
+    def paths(self) -> tuple[Path | None, ...]:
+        """The files that are read."""
+        return self.trusted_path, self.excluded_path
+
+
 def known_edge_options(command: Any) -> Any:
     """The options about what is known of edges."""
     for option in reversed(_OPTIONS):
@@ -51,13 +66,11 @@ def known_edge_options(command: Any) -> Any:
     return command
 
 
-def check_known_edges(
-    loss: str, trusted: Path | None, trust_odometry: bool, weight_kind: str
-) -> None:
+def check_known_edges(loss: str, known: KnownEdges, weight_kind: str) -> None:
     """UsageError for options that have no effect without a robust loss."""
     given = {
-        "--trusted": trusted is not None,
-        "--trust-odometry": trust_odometry,
+        "--trusted": known.trusted_path is not None,
+        "--trust-odometry": known.trust_odometry,
         "--weight-kind": weight_kind != "auto",
     }
     for name, is_given in given.items():
@@ -66,15 +79,13 @@ def check_known_edges(
 
 
 def read_known_edges(
-    graph: rotavg.MeasurementGraph,
-    trusted: Path | None,
-    trust_odometry: bool,
-    excluded: Path | None,
+    graph: rotavg.MeasurementGraph, known: KnownEdges
 ) -> dict[str, NDArray[np.bool_] | None]:
     """Masks (m,) as `rotavg.solve` takes them."""
+    trusted, excluded = known.paths
     trust = None if trusted is None else _mask(graph, trusted, "trusted")
     leave_out = None if excluded is None else _mask(graph, excluded, "excluded")
-    if trust_odometry:
+    if known.trust_odometry:
         between = odometry(graph)
         if leave_out is not None:
             between &= ~leave_out

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, Callable
+from typing import Any, Callable, TypeVar
 
 import click
 
 from rotavg.cli.command import PlainNumber
 from rotavg.io import FORMATS
+
+Group = TypeVar("Group")
 
 PATH = click.Path(path_type=Path)
 
@@ -79,3 +82,9 @@ def groups_of(**titles: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
         "Which part": ("nodes_path", "largest_component", "min_nodes"),
         **{title.replace("_", " "): names for title, names in titles.items()},
     }
+
+
+def taken(kind: type[Group], settings: dict[str, Any]) -> Group:
+    """The options that are the fields of this dataclass, taken out of all of them."""
+    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    return kind(**{name: settings.pop(name) for name in names})

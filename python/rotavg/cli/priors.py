@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,23 @@ _OPTIONS = (
 )
 
 
+@dataclass(frozen=True)
+class KnownNodes:
+    """The options about what is known of nodes, by their names."""
+
+    fixed_path: Path | None
+    fixed_convention: Convention | None
+    gravity_path: Path | None
+    gravity_weight: float | None
+    rigs_path: Path | None
+    no_rigs: bool
+
+    @property
+    def paths(self) -> tuple[Path | None, ...]:
+        """The files that are read."""
+        return self.fixed_path, self.gravity_path, self.rigs_path
+
+
 def prior_options(command: Any) -> Any:
     """The options about what is known of nodes."""
     for option in reversed(_OPTIONS):
@@ -64,39 +82,25 @@ def prior_options(command: Any) -> Any:
     return command
 
 
-def check_prior_options(
-    fixed: Path | None,
-    convention: Convention | None,
-    gravity: Path | None,
-    weight: float | None,
-    rigs: Path | None,
-    no_rigs: bool,
-) -> None:
+def check_prior_options(known: KnownNodes) -> None:
     """UsageError for what belongs to an option that is not given, or rigs that are not wanted."""
-    if convention is not None and fixed is None:
+    if known.fixed_convention is not None and known.fixed_path is None:
         raise click.UsageError("--fixed-convention is for --fixed, which is not given")
-    if rigs is not None and no_rigs:
+    if known.rigs_path is not None and known.no_rigs:
         raise click.UsageError("--rigs and --no-rigs exclude each other")
-    if weight is not None and gravity is None:
+    if known.gravity_weight is not None and known.gravity_path is None:
         raise click.UsageError("--gravity-weight is for --gravity, which is not given")
 
 
-def read_priors(
-    graph: rotavg.MeasurementGraph,
-    fixed: Path | None,
-    convention: Convention | None,
-    gravity: Path | None,
-    weight: float | None,
-    rigs_path: Path | None,
-    no_rigs: bool,
-) -> rotavg.Priors | None:
+def read_priors(graph: rotavg.MeasurementGraph, known: KnownNodes) -> rotavg.Priors | None:
     """The priors in these files, of the nodes that the graph has; None where nothing is known.
 
     Also those rotations that the graph's own file holds fixed, and its rigs. What the files say of
     other nodes is skipped, counted and told on stderr.
     """
     own = graph.source if isinstance(graph.source, FixedRotations) else None
-    rigs = None if no_rigs else _rigs(graph, rigs_path)
+    rigs = None if known.no_rigs else _rigs(graph, known.rigs_path)
+    fixed, gravity, weight = known.fixed_path, known.gravity_path, known.gravity_weight
     if fixed is None and gravity is None and own is None and rigs is None:
         return None
     if weight is None:
@@ -109,7 +113,7 @@ def read_priors(
         count = f"{len(rotations)} rotation{'s' * (len(rotations) != 1)}"
         click.echo(f"note: {count} held fixed, as the graph's file says", err=True)
     if fixed is not None:
-        ids, matrices = read_rotations(fixed, convention=convention)
+        ids, matrices = read_rotations(fixed, convention=known.fixed_convention)
         rotations = {**rotations, **_of_nodes(graph, fixed, ids, matrices)}
     if gravity is not None:
         names, vectors = read_gravity(gravity)

@@ -17,7 +17,7 @@ from rotavg.colmap.pose_graph import from_pose_graph
 from rotavg.graph.conventions import convert_family
 from rotavg.graph.ids import IdArray
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.io.colmap_database import pair_id_of
+from rotavg.io.colmap_sqlite import pair_id_of
 from rotavg.priors.priors import Priors, Rigs
 from rotavg.solving.headings import frame_headings, trusted_weight
 from rotavg.solving.solve import solve

@@ -13,7 +13,8 @@ from rotavg.graph.conventions import convert_family, wxyz_from_xyzw
 from rotavg.graph.ids import IdArray
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.colmap_covariances import PairPose, covariances_of_pairs
-from rotavg.io.colmap_database import MAX_IMAGES, ColmapImages, opened, pair_of
+from rotavg.io.colmap_database import ColmapImages
+from rotavg.io.colmap_sqlite import MAX_IMAGES, opened, pair_of
 
 
 def from_pose_graph(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rotavg.base.errors import require
 from rotavg.graph.conventions import convert_family, quaternions_from_matrices, wxyz_from_xyzw
 from rotavg.io.atomic import new_file
-from rotavg.io.colmap_database import opened, pair_of
+from rotavg.io.colmap_sqlite import opened, pair_of
 from rotavg.io.registry import SolutionLike
 
 # Configurations without a relative rotation: undefined, degenerate, watermark, several at once.

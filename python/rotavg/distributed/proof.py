@@ -18,7 +18,7 @@ from rotavg.distributed.part import Part, Rotations
 from rotavg.distributed.rounds import Rounds, as_they_are
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving.certificate import Certificate, ComponentCertificate, Shortfall, Verdict
-from rotavg.solving.solve import certify
+from rotavg.solving.certify import certify
 
 FEW_PRODUCTS, MANY_PRODUCTS = 300, 5000
 GATHERED = 3_000_000  # edges that one worker can hold: some 2 GB

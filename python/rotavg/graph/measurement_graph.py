@@ -3,37 +3,27 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
-from rotavg.base.arrays import as_floats, read_only
-from rotavg.base.errors import GraphError, require
+from rotavg.base.arrays import read_only
+from rotavg.base.errors import require
 from rotavg.base.html import table
-from rotavg.graph import conventions
+from rotavg.graph.contents import (
+    Quaternions,
+    Source,
+    contents_of,
+    given_quaternions,
+    given_rotvecs,
+)
 from rotavg.graph.conventions import Convention, QuaternionOrder
-from rotavg.graph.covariances import first_bad_covariance, isotropic_weights, pose_family
-from rotavg.graph.ids import IdArray, as_edges, as_nodes, edge_error, rows_of, unique_ids
-from rotavg.graph.nearest import TOLERANCE, projected
+from rotavg.graph.ids import IdArray, as_edges
+from rotavg.graph.nearest import TOLERANCE
+from rotavg.graph.selection import among, in_large, in_largest
 from rotavg.graph.translations import RelativeTranslations
-from rotavg.graph.units import note_of_degrees
-from rotavg.graph.unused import not_used
-
-
-class Source(Protocol):
-    """What a reader keeps of its file, so that a writer can put back what is not a rotation."""
-
-    def select(self, edges: NDArray[np.bool_]) -> Source:
-        """The source of the graph that keeps the edges (m,) marked True."""
-        ...
-
-
-class Quaternions(NamedTuple):
-    """Relative rotations as Hamilton quaternions xyzw (m, 4), finite, of any length but zero."""
-
-    xyzw: NDArray[np.float64]
 
 
 class MeasurementGraph:
@@ -98,53 +88,16 @@ class MeasurementGraph:
         tolerance: float = TOLERANCE,
         skip_self_edges: bool = False,
     ) -> None:
-        ids = as_edges(edges)
-        m = len(ids)
-        self.nodes = read_only(unique_ids(ids) if nodes is None else as_nodes(nodes))
-        rows = _indices(ids, self.nodes)
-        conventions.check_family(convention)
-        inverted = convention == "vision"
-        if isinstance(rotations, Quaternions):
-            given = as_floats(rotations.xyzw, (m, 4), "quaternions", copy=False)
-        else:
-            given = as_floats(rotations, (m, 3, 3), "rotations", copy=False)
-        spread = None if covariances is None else as_floats(covariances, (m, 3, 3), "covariances")
-        if spread is not None and (bad := first_bad_covariance(spread)) is not None:
-            raise edge_error(ids, *bad)
-        if weights is None:
-            weights = np.ones(m) if spread is None else isotropic_weights(spread)
-        given_weights = as_floats(weights, (m,), "weights", copy=False)
-        if translations is not None and len(translations) != m:
-            raise GraphError(f"there are {len(translations)} translations, expected {m}")
-        used = given_weights != 0
-        if skip_self_edges:
-            used &= rows[:, 0] != rows[:, 1]
-        if not used.all():
-            notes += not_used(ids, given_weights, used)
-            rows, given, given_weights = rows[used], given[used], given_weights[used]
-            spread = None if spread is None else spread[used]
-            translations = None if translations is None else translations.select(used)
-            source = None if source is None else source.select(used)
-        if tolerance > TOLERANCE and given.ndim == 3:
-            given = conventions.convert_family(given, convention)
-            inverted = False
-            given = projected(ids, given, np.flatnonzero(used), tolerance)
-        try:
-            self._core = _core.MeasurementGraph(
-                len(self.nodes), rows, given, given_weights, inverted
-            )
-        except _core.InvalidEdge as error:
-            edge, reason = error.args
-            number = np.flatnonzero(used)[edge]  # of the edge as it was given
-            raise edge_error(ids, int(number), reason) from None
-        except ValueError as error:
-            raise GraphError(str(error)) from None
-        if spread is not None and convention == "vision":
-            spread = pose_family(spread, self.rotations)
-        self.covariances = None if spread is None else read_only(spread)
-        self.translations = translations
-        self.source = source
-        self.notes = notes
+        made = contents_of(
+            edges, rotations, weights, nodes, convention, covariances, translations, source, notes,
+            tolerance, skip_self_edges,
+        )  # fmt: skip
+        self._core = made.core
+        self.nodes = made.nodes
+        self.covariances = made.covariances
+        self.translations = made.translations
+        self.source = made.source
+        self.notes = made.notes
         self._immutable = True
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -202,17 +155,10 @@ class MeasurementGraph:
         `order` is "xyzw" (SciPy, g2o, pycolmap) or "wxyz" (COLMAP's files, Eigen's constructor).
         Everything else is as in the constructor.
         """
-        if order not in ("xyzw", "wxyz"):
-            raise GraphError(f"order is {order!r}, expected 'xyzw' or 'wxyz'")
         ids = as_edges(edges)
-        given = as_floats(quaternions, (len(ids), 4), "quaternions", copy=False)
-        xyzw = given if order == "xyzw" else conventions.xyzw_from_wxyz(given)
-        bad = conventions.first_bad_quaternion(xyzw)
-        if bad is not None:
-            raise edge_error(ids, *bad)
         return cls(
             ids,
-            Quaternions(xyzw),
+            given_quaternions(ids, quaternions, order),
             weights,
             nodes,
             convention=convention,
@@ -247,27 +193,17 @@ class MeasurementGraph:
         whether they are. Everything else is as in the constructor.
         """
         ids = as_edges(edges)
-        given = as_floats(rotvecs, (len(ids), 3), "rotvecs", copy=False)
-        finite = np.isfinite(given).all(axis=1)
-        if not finite.all():
-            k = int(np.argmin(finite))
-            reason = f"the rotation vector is {given[k].tolist()}, expected finite numbers"
-            raise edge_error(ids, k, reason)
-        if degrees:
-            given = np.radians(given)
-        else:
-            notes += note_of_degrees(ids, given)
-        xyzw = conventions.quaternions_from_rotvecs(given)
+        given, asked = given_rotvecs(ids, rotvecs, degrees=degrees)
         return cls(
             ids,
-            Quaternions(xyzw),
+            given,
             weights,
             nodes,
             convention=convention,
             covariances=covariances,
             translations=translations,
             source=source,
-            notes=notes,
+            notes=(*notes, *asked),
             tolerance=tolerance,
             skip_self_edges=skip_self_edges,
         )
@@ -395,17 +331,12 @@ class MeasurementGraph:
 
     def largest_component(self) -> MeasurementGraph:
         """The graph of the component with the most nodes (the first of equals)."""
-        label = self.components()
-        largest = int(np.argmax(np.bincount(label)))
-        return self if label.max() == 0 else self.subgraph(self.nodes[label == largest])
+        kept = in_largest(self.components())
+        return self if kept.all() else self.subgraph(self.nodes[kept])
 
     def without_small_components(self, min_nodes: int) -> MeasurementGraph:
         """The graph of the components with at least so many nodes; GraphError if none is."""
-        label = self.components()
-        kept = (np.bincount(label) >= min_nodes)[label]
-        if not kept.any():
-            found = f"the largest component has {np.bincount(label).max()} nodes"
-            raise GraphError(f"{found}, expected one of {min_nodes} at least")
+        kept = in_large(self.components(), min_nodes)
         return self if kept.all() else self.subgraph(self.nodes[kept])
 
     def subgraph(self, nodes: ArrayLike) -> MeasurementGraph:
@@ -413,15 +344,7 @@ class MeasurementGraph:
 
         Raises GraphError for an unknown or repeated node, and where no edge is left.
         """
-        kept = as_nodes(nodes)
-        rows = rows_of(kept, self.nodes)
-        if (rows < 0).any():
-            raise GraphError(f"node {kept[np.argmin(rows)].item()!r} is not in the graph")
-        chosen = np.zeros(self.num_nodes, dtype=np.bool_)
-        chosen[rows] = True
-        edges = chosen[self.indices[:, 0]] & chosen[self.indices[:, 1]]
-        if not edges.any():
-            raise GraphError(f"no edge joins two of the {len(kept)} nodes of the subgraph")
+        rows, edges = among(nodes, self.nodes, self.indices)
         return MeasurementGraph(
             self.edges[edges],
             Quaternions(self._core.scaled_quaternions[edges]),
@@ -481,11 +404,3 @@ def _rebuild(
         edges, Quaternions(quaternions), weights, nodes,
         covariances=covariances, translations=translations, source=source, notes=notes,
     )  # fmt: skip
-
-
-def _indices(edges: IdArray, nodes: IdArray) -> NDArray[np.int32]:
-    rows = rows_of(edges, nodes)
-    if (rows < 0).any():
-        k, side = divmod(int(np.argmin(rows)), 2)
-        raise edge_error(edges, k, f"node {edges[k, side].item()!r} is not among the given nodes")
-    return rows.astype(np.int32)

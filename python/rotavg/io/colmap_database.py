@@ -1,31 +1,29 @@
 """COLMAP's database, read only: relative poses of verified image pairs; vision family.
 
-A row of `two_view_geometries` has pair_id = 2147483647 * smaller_id + larger_id, the number of
-inliers, a configuration and, where they were computed, qvec (w x y z) and tvec: camera 2 from 1.
+A row of `two_view_geometries` has a pair id (`colmap_sqlite`), the number of inliers, a
+configuration and, where they were computed, qvec (w x y z) and tvec: camera 2 from 1.
 Where they were not, they are computed here (`colmap_poses`), if pycolmap is installed.
 Nodes are the images' names, weights the numbers of inliers; covariances, where they are asked for,
-are estimated from the inliers (`colmap_covariances`). The file is opened read-only through
-Python's sqlite3.
+are estimated from the inliers (`colmap_covariances`); what the database knows beside the pairs is
+read by `colmap_priors`.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.base.errors import FileAccessError, FormatError
-from rotavg.graph.conventions import convert_family, matrices_from_quaternions, xyzw_from_wxyz
+from rotavg.base.errors import FormatError
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.colmap_covariances import PairPose, covariances_of_pairs
 from rotavg.io.colmap_poses import poses_of_pairs
+from rotavg.io.colmap_priors import count_gravity, rigs_in
+from rotavg.io.colmap_sqlite import doubles, opened, pair_of
 from rotavg.io.registry import Format, ReadOptions, blame_line
 from rotavg.io.rounding import is_unit
 from rotavg.priors.priors import Rigs
@@ -33,7 +31,6 @@ from rotavg.priors.priors import Rigs
 if TYPE_CHECKING:
     import sqlite3
 
-MAX_IMAGES = 2147483647
 CONFIGURATIONS = (
     "undefined", "degenerate", "calibrated", "uncalibrated", "planar", "panoramic",
     "planar or panoramic", "watermark", "multiple", "calibrated rig",
@@ -64,38 +61,6 @@ class ColmapImages:
         return replace(self, configurations=self.configurations[edges])
 
 
-def pair_of(pair_id: int) -> tuple[int, int]:
-    """Image ids, the smaller one first, of a pair id."""
-    large = pair_id % MAX_IMAGES
-    return (pair_id - large) // MAX_IMAGES, large
-
-
-def pair_id_of(i: int, j: int) -> int:
-    """Pair id of two image ids, in either order."""
-    return MAX_IMAGES * min(i, j) + max(i, j)
-
-
-@contextmanager
-def opened(path: Path) -> Iterator[sqlite3.Connection]:
-    """A read-only connection; FormatError or FileAccessError where the file is no database."""
-    import sqlite3  # not every Python has it
-
-    uri = f"file:{quote(str(path.resolve()))}?mode=ro"
-    if not path.with_name(path.name + "-wal").exists():
-        uri += "&immutable=1"  # nobody writes: SQLite leaves no files of its own beside it
-    try:
-        with closing(sqlite3.connect(uri, uri=True)) as connection:
-            yield connection
-    except sqlite3.OperationalError as error:
-        if "no such" in str(error):
-            found = f"found no COLMAP database: {error}"
-            raise FormatError(found, path=path) from error
-        raise FileAccessError(f"cannot be read: {error}", path=path) from error
-    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
-        # SQLite's own messages quote a damaged schema, which need not be text.
-        raise FormatError(f"found no readable database: {error}", path=path) from error
-
-
 def read_database(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     """Read the pairs that have a relative pose, or one that can be computed; tell of the others."""
     del data  # only its beginning, to tell what it is
@@ -107,8 +72,8 @@ def read_database(path: Path, data: bytes, options: ReadOptions) -> MeasurementG
             f"SELECT pair_id, rows, config, {columns} FROM two_view_geometries ORDER BY pair_id"
         ).fetchall()
         names = {image: name for image, name, _ in images}
-        rigs = _rigs(path, connection)
-        gravity = _count_gravity(connection)
+        rigs = rigs_in(path, connection)
+        gravity = count_gravity(connection)
         stored, without, skipped = _sorted_out(path, rows, names)
         computed = (
             poses_of_pairs(connection, [(pair, *pair_of(pair)) for pair in without])
@@ -151,6 +116,11 @@ def read_database(path: Path, data: bytes, options: ReadOptions) -> MeasurementG
         )
 
 
+def _has_poses(connection: sqlite3.Connection) -> bool:
+    columns = connection.execute("PRAGMA table_info(two_view_geometries)").fetchall()
+    return not columns or "qvec" in {name for _, name, *_ in columns}
+
+
 def _sorted_out(
     path: Path, rows: list[Any], names: dict[int, str]
 ) -> tuple[dict[int, _Pose], list[int], Counter[str]]:
@@ -174,7 +144,7 @@ def _sorted_out(
         if reason:
             without.append(pair_id)
         else:
-            stored[pair_id] = _vector(path, pair_id, qvec, 4), _translation(tvec)
+            stored[pair_id] = doubles(path, pair_id, qvec, 4), _translation(tvec)
     return stored, without, skipped
 
 
@@ -184,87 +154,6 @@ def _translation(tvec: Any) -> NDArray[np.float64]:
         return np.zeros(3)
     t = np.frombuffer(tvec, dtype="<f8").astype(np.float64)
     return t if np.isfinite(t).all() else np.zeros(3)
-
-
-def _has_poses(connection: sqlite3.Connection) -> bool:
-    columns = connection.execute("PRAGMA table_info(two_view_geometries)").fetchall()
-    return not columns or "qvec" in {name for _, name, *_ in columns}
-
-
-def read_gravity_of(path: Path) -> tuple[list[str], NDArray[np.float64]]:
-    """Names of the images with a gravity prior, and it (k, 3), in the camera's frame."""
-    with opened(path) as connection:
-        rows = connection.execute(
-            "SELECT name, gravity FROM pose_priors JOIN images ON corr_data_id = image_id "
-            "WHERE corr_sensor_type = 0 AND gravity IS NOT NULL ORDER BY image_id"
-        ).fetchall()
-    vectors = [_vector(path, name, blob, 3) for name, blob in rows]
-    known = [k for k, vector in enumerate(vectors) if np.isfinite(vector).all()]
-    for k in known:
-        if not vectors[k].any():
-            found = f"pose_priors: the gravity of {rows[k][0]!r} is zero, expected a direction"
-            raise FormatError(found, path=path)
-    directions = np.array([vectors[k] for k in known]).reshape(-1, 3)
-    return [rows[k][0] for k in known], directions
-
-
-def read_rigs_of(path: Path) -> Rigs | None:
-    """The rigs of several cameras, nodes by the images' names; None where there are none."""
-    with opened(path) as connection:
-        return _rigs(path, connection)
-
-
-def _rigs(path: Path, connection: sqlite3.Connection) -> Rigs | None:
-    """As COLMAP 3.12 and later has them; a rig of one camera is a plain image."""
-    tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
-    if not {"rigs", "rig_sensors", "frames", "frame_data"} <= tables:
-        return None
-    rotations: dict[Any, NDArray[np.float64]] = {}
-    several = set()
-    for rig, sensor, blob in connection.execute(
-        "SELECT rig_id, sensor_id, sensor_from_rig FROM rig_sensors WHERE sensor_type = 0"
-    ):
-        several.add(rig)
-        if blob is None:
-            continue
-        quaternion = _vector(path, f"sensor {sensor} of rig {rig}", blob, 7)[:4]
-        if is_unit(quaternion):  # NaN where COLMAP itself does not know it
-            sensor_from_rig = matrices_from_quaternions(xyzw_from_wxyz(quaternion))
-            rotations[sensor] = convert_family(sensor_from_rig, "vision")
-    for rig, sensor in connection.execute(
-        "SELECT rig_id, ref_sensor_id FROM rigs WHERE ref_sensor_type = 0"
-    ):
-        if rig in several:
-            rotations[sensor] = np.eye(3)
-    images: dict[Any, tuple[Any, Any]] = {}
-    for name, frame, sensor, rig in connection.execute(
-        "SELECT name, frames.frame_id, images.camera_id, rig_id FROM frame_data "
-        "JOIN frames ON frame_data.frame_id = frames.frame_id "
-        "JOIN images ON data_id = image_id WHERE sensor_type = 0 ORDER BY image_id"
-    ):
-        if rig in several:
-            images[name] = frame, sensor
-    return Rigs(images, rotations) if images else None
-
-
-def _note_of_rigs(rigs: Rigs) -> str:
-    sensors = {sensor for _, sensor in rigs.images.values()}
-    known = len(sensors & rigs.rotations.keys())
-    frames = len({frame for frame, _ in rigs.images.values()})
-    return f"rigs: {len(sensors)} sensors, of which {known} are calibrated, in {frames} frames"
-
-
-def _count_gravity(connection: sqlite3.Connection) -> int:
-    columns = connection.execute("PRAGMA table_info(pose_priors)").fetchall()
-    if not {"gravity", "corr_sensor_type"} <= {name for _, name, *_ in columns}:
-        return 0
-    rows = connection.execute(
-        "SELECT gravity FROM pose_priors WHERE corr_sensor_type = 0 AND gravity IS NOT NULL"
-    )
-    return sum(
-        isinstance(blob, bytes) and len(blob) == 24 and bool(np.isfinite(np.frombuffer(blob)).all())
-        for (blob,) in rows
-    )
 
 
 def _reason_to_skip(
@@ -278,17 +167,10 @@ def _reason_to_skip(
     # COLMAP before 3.12 wrote the identity where it had computed nothing, or zeros.
     if qvec is None or (qvec == _IDENTITY and isinstance(tvec, bytes) and not any(tvec)):
         return _NO_POSE
-    quaternion = _vector(path, pair_id, qvec, 4)
+    quaternion = doubles(path, pair_id, qvec, 4)
     if not quaternion.any():
         return _NO_POSE
     return "" if is_unit(quaternion) else "the stored pose is no rotation"
-
-
-def _vector(path: Path, row: Any, blob: bytes, size: int) -> NDArray[np.float64]:
-    if not isinstance(blob, bytes) or len(blob) != 8 * size:
-        found = f"found {len(blob) if isinstance(blob, bytes) else type(blob).__name__}"
-        raise FormatError(f"{row}: {found} bytes, expected {size} doubles", path=path)
-    return np.frombuffer(blob, dtype="<f8").astype(np.float64)
 
 
 def _notes(
@@ -308,6 +190,13 @@ def _notes(
     if computed is None:
         notes.append('with pycolmap they are computed here: pip install "rotavg[colmap]"')
     return tuple(notes)
+
+
+def _note_of_rigs(rigs: Rigs) -> str:
+    sensors = {sensor for _, sensor in rigs.images.values()}
+    known = len(sensors & rigs.rotations.keys())
+    frames = len({frame for frame, _ in rigs.images.values()})
+    return f"rigs: {len(sensors)} sensors, of which {known} are calibrated, in {frames} frames"
 
 
 def _nothing(pairs: int, skipped: Counter[str], notes: tuple[str, ...]) -> str:

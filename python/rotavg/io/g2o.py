@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.base.errors import FormatError
+from rotavg.graph.contents import Quaternions
 from rotavg.graph.conventions import first_bad_quaternion
 from rotavg.graph.covariances import first_bad_covariance, symmetric
 from rotavg.graph.ids import as_edges, as_ids, edge_error, unique_ids
-from rotavg.graph.measurement_graph import MeasurementGraph, Quaternions
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.translations import RelativeTranslations, first_not_positive_definite
 from rotavg.io import g2o_write
 from rotavg.io.absolute import (

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from rotavg.base.arrays import as_floats
 from rotavg.base.errors import FormatError
 from rotavg.io import atomic, registry
-from rotavg.io.colmap_database import COLMAP_DATABASE, read_gravity_of
+from rotavg.io.colmap_database import COLMAP_DATABASE
+from rotavg.io.colmap_priors import read_gravity_of
 from rotavg.io.lines import check_finite, content_lines, exactly, number_table, plain_name
 
 

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from rotavg.base.errors import FormatError, GraphError, IncompleteWarning
 from rotavg.graph.conventions import convert_family, matrices_from_quaternions
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.io.colmap_database import COLMAP_DATABASE, ColmapImages, read_rigs_of
+from rotavg.io.colmap_database import COLMAP_DATABASE, ColmapImages
+from rotavg.io.colmap_priors import read_rigs_of
 from rotavg.io.registry import read_bytes
 from rotavg.io.rounding import is_unit
 from rotavg.priors.priors import Rigs

@@ -19,9 +19,10 @@ from pathlib import Path
 import numpy as np
 
 from rotavg.base.errors import FormatError
+from rotavg.graph.contents import Quaternions
 from rotavg.graph.conventions import first_bad_quaternion, matrices_from_quaternions
 from rotavg.graph.ids import as_edges, edge_error
-from rotavg.graph.measurement_graph import MeasurementGraph, Quaternions
+from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import TOLERANCE, nearest_rotation
 from rotavg.io import bulk
 from rotavg.io.absolute import QUATERNION, AbsoluteRotations, RotationReader, distinct, labels_of

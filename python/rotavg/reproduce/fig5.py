@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from rotavg.reproduce import drawing
 from rotavg.reproduce.experiment import Experiment, Outcome, Settings, markdown_table
 from rotavg.simulation.simulate import Simulation, simulate
-from rotavg.solving.solve import objective, solve
+from rotavg.solving.objective import objective
+from rotavg.solving.solve import solve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,8 +10,9 @@ import numpy as np
 
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving.certificate import Verdict
+from rotavg.solving.certify import certify
 from rotavg.solving.solution import Solution
-from rotavg.solving.solve import certify, solve
+from rotavg.solving.solve import solve
 
 # The paper's rule with an epsilon of ours, as it does not print its own. For BCDSR it gives no
 # rule: |Y - Y'| / |Y| < epsilon.

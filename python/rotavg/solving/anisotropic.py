@@ -16,6 +16,7 @@ from rotavg.graph.covariances import information, precision_of_weight_one
 from rotavg.graph.ids import edge_error
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving.certificate import certificate_from_core
+from rotavg.solving.problem import Problem
 from rotavg.solving.solution import Solution
 from rotavg.solving.status import Status, Timings, Trace
 
@@ -44,6 +45,21 @@ def check(graph: MeasurementGraph, anisotropic: object) -> None:
             f"found a covariance as large as {size[row]:.3g} radians^2; "
             f"expected it between {1 / LARGEST_COVARIANCE:g} and {LARGEST_COVARIANCE:g}",
         )
+
+
+def settings_of_start(settings: dict[str, Any], problem: Problem) -> dict[str, Any]:
+    """The settings of what is solved first: the problem with one weight for each edge."""
+    tolerance = settings["tolerance"]
+    if problem.sensors is None:  # what is found of sensors stays
+        tolerance = max(tolerance, START_TOLERANCE)
+    first = {**settings, "certify": False, "stop": "gradient", "tolerance": tolerance}
+    known = problem.grounded is not None or problem.sensors is not None
+    climbs = settings["method"] == "staircase"
+    if settings["loss"] == "l2" and not known and (settings["start"] is not None or climbs):
+        first["max_iterations"] = 0  # from there at once
+        if climbs:
+            first["method"] = "bcd"
+    return first
 
 
 def given_precisions(graph: MeasurementGraph) -> NDArray[np.float64]:

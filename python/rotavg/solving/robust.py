@@ -1,4 +1,4 @@
-"""What a robust loss makes of the edges, and signs that one is needed."""
+"""What a robust loss makes of the edges and priors."""
 
 from __future__ import annotations
 
@@ -9,19 +9,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg import _core
 from rotavg.base.arrays import ReadOnly, read_only
-from rotavg.base.errors import GraphError, OptionError
 from rotavg.graph.ids import IdArray, as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.priors import Priors
-from rotavg.solving import options
 from rotavg.solving.stories import Alternative
-
-# Above this share of cycles, what least squares leave of an edge's noise is nearly all of it; with
-# more edges, finding how much would take too long.
-_MUCH_CHECKED, _MANY_EDGES = 0.8, 20_000
-_LEAST_REDUNDANCY = 1e-6  # below, rounding is seen
 
 Loss = Literal["l2", "auto", "huber", "l1", "l_half", "cauchy", "geman_mcclure", "tls"]
 
@@ -214,134 +206,3 @@ class RobustFit(ReadOnly):
             answers = "another answer is" if some == 1 else f"{some} other answers are"
             doubts.append(f"{answers} possible")
         return f"{said}; {', '.join(doubts)}"
-
-
-@dataclass(frozen=True, eq=False)
-class CycleEvidence(ReadOnly):
-    """What the short cycles (of three edges, or of two parallel ones) say of every edge.
-
-    Attributes:
-        checked: (m,) cycles that were looked at: all, or some evenly spread ones.
-        agreeing: (m,) of these, cycles that miss the identity by no more than the threshold.
-        median_error: (m,) median of the angles, radians, by which they miss it; NaN without cycles.
-        least_error: (m,) the least of these angles.
-        bridge: (m,) whether no cycle of any length passes through the edge.
-        min_cycles: how many cycles are enough to refute an edge.
-    """
-
-    checked: NDArray[np.int32]
-    agreeing: NDArray[np.int32]
-    median_error: NDArray[np.float64]
-    least_error: NDArray[np.float64]
-    bridge: NDArray[np.bool_]
-    min_cycles: int = 3
-
-    @property
-    def share(self) -> NDArray[np.float64]:
-        """(m,) (agreeing + 1) / (checked + 2): a factor for the weights; a half without cycles."""
-        return np.asarray((self.agreeing + 1) / (self.checked + 2), dtype=np.float64)
-
-    @property
-    def refuted(self) -> NDArray[np.bool_]:
-        """(m,) whether `min_cycles` cycles or more were looked at and none agrees."""
-        return np.asarray((self.checked >= self.min_cycles) & (self.agreeing == 0))
-
-
-def cycle_evidence(
-    graph: MeasurementGraph, threshold: float, *, min_cycles: int = 3
-) -> CycleEvidence:
-    """Check every edge by the short cycles through it (Zach, Klopschitz and Pollefeys 2010).
-
-    Use `graph.with_weights(graph.weights * evidence.share)` to weight by it, or
-    `solve(graph, cycle_threshold=...)` to leave out what it refutes.
-
-    Args:
-        graph: the measurements.
-        threshold: angle in radians by which the rotations around a cycle may miss the identity.
-        min_cycles: how many cycles are enough to refute an edge.
-
-    Raises:
-        OptionError: for a threshold that is no angle, or less than one cycle.
-    """
-    if not isinstance(graph, MeasurementGraph):
-        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
-    if not (isinstance(threshold, (int, float, np.number)) and 0 <= threshold <= np.pi):
-        raise OptionError(f"threshold is {threshold!r}; expected an angle in radians, 0 to pi")
-    least = options.whole("min_cycles", min_cycles, 1, 2**31 - 1)
-    checked, agreeing, median, smallest = _core.cycle_evidence(graph._core, float(threshold))
-    return CycleEvidence(
-        checked=read_only(checked),
-        agreeing=read_only(agreeing),
-        median_error=read_only(median),
-        least_error=read_only(smallest),
-        bridge=bridges(graph),
-        min_cycles=least,
-    )
-
-
-def bridges(graph: MeasurementGraph) -> NDArray[np.bool_]:
-    """(m,) whether the graph falls apart without the edge: then no cycle checks what it says."""
-    return read_only(_core.bridges(graph._core))
-
-
-def contamination_of(
-    graph: MeasurementGraph, rotations: NDArray[np.float64], angles: NDArray[np.float64]
-) -> str | None:
-    """The same for the residual angles (m,) that least squares leave, as cycles check them.
-
-    Bridges say nothing. Edges in series, which lie on the same cycles, say together one thing: the
-    sum of their angles, of the variance of all of them. And of a graph that has few cycles every
-    series is judged in units of what least squares leave of its noise: heavy edges are met nearly
-    exactly where light ones can bend.
-    """
-    label, cycles = _core.series(graph._core)
-    checked = label >= 0
-    if not checked.any():
-        return None
-    variances = np.median(graph.weights) / graph.weights
-    total = np.bincount(label[checked], angles[checked])
-    variance = np.bincount(label[checked], variances[checked])
-    if cycles < _MUCH_CHECKED * len(total) and graph.num_edges <= _MANY_EDGES:
-        left = _core.covariances(
-            graph._core, rotations, graph.indices, noise_variance=1.0, information=None,
-            num_threads=1,
-        )  # fmt: skip
-        if left is not None:
-            fitted = graph.weights * np.trace(left, axis1=1, axis2=2) / 3
-            redundancy = np.bincount(label[checked], 1 - fitted[checked])
-            variance *= np.clip(redundancy, _LEAST_REDUNDANCY, 1)
-    return _advice(total / np.sqrt(variance), float(np.mean(angles[checked] > np.pi / 2)))
-
-
-def contamination(
-    angles: NDArray[np.float64], weights: NDArray[np.float64] | None = None
-) -> str | None:
-    """Advice to use a robust loss, if these residual angles (m,) in radians look contaminated.
-
-    That is where more than 2 % of them lie beyond 3 standard deviations, estimated from the median
-    as if they were half of a normal distribution (which has 0.3 % there, and rotation noise in all
-    three directions none), or more than 1 % beyond 90 degrees. Angles are compared in units of
-    their 1 / sqrt(weight).
-    """
-    if len(angles) == 0:
-        return None
-    scaled = angles if weights is None else angles * np.sqrt(weights / np.median(weights))
-    return _advice(scaled, float(np.mean(angles > np.pi / 2)))
-
-
-def _advice(scaled: NDArray[np.float64], wild: float) -> str | None:
-    """The advice for angles in units of their noise, a share `wild` of which is beyond 90 deg."""
-    if len(scaled) < 20:
-        return None
-    noise = max(float(np.median(scaled)) / 0.6745, 1e-6)
-    beyond = float(np.mean(scaled > 3 * noise))
-    if beyond <= 0.02 and wild <= 0.01 and 3 * noise <= np.pi:
-        return None
-    if 3 * noise > np.pi:  # no angle of noise; the median is
-        found = f"half of them lie beyond {np.degrees(min(np.median(scaled), np.pi)):.2g} deg"
-    elif beyond > 0.02:
-        degrees = np.degrees(noise)
-        found = f"{100 * beyond:.2g} % lie beyond 3 times their noise of {degrees:.2g} deg"
-    else:
-        found = f"{100 * wild:.2g} % lie beyond 90 deg"
-    return f'{found}: a robust loss (loss="auto", --loss auto) resists them'

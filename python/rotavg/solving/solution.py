@@ -19,19 +19,11 @@ from rotavg.graph.node_mapping import NodeMapping
 from rotavg.priors.grounded import Grounded
 from rotavg.priors.rigs import RigFit
 from rotavg.solving.certificate import Certificate, Verdict
-from rotavg.solving.robust import RobustFit, bridges, contamination_of
+from rotavg.solving.printed import head, rows
+from rotavg.solving.robust import RobustFit
 from rotavg.solving.status import Status, Timings, Trace
-from rotavg.solving.uncertainty import Frame, beyond_half_a_turn, covariances, rms_degrees
-
-_FEW_NODES, _FEW_OF_ALL = 3, 0.02  # that are no group; the second as where stories differ
-_OF_COVARIANCES = {
-    "": "",
-    "chordal": " (full covariances, chords)",
-    "log": " (full covariances, logarithms)",
-}
-
-
-_HALF_TURN = 180.0  # degrees
+from rotavg.solving.uncertainty import Frame, covariances
+from rotavg.solving.unchecked import bridges, hanging_groups, unchecked_edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,13 +132,7 @@ class Solution(NodeMapping):
         alone holds a part after those that contradict it were rejected. Bridges are not, as
         nothing ever checked them. Priors do not count. Without a robust loss no edge is.
         """
-        kept = ~self.is_outlier
-        unchecked = np.zeros(self.graph.num_edges, dtype=np.bool_)
-        if kept.any() and not kept.all():
-            believed = self.graph.with_weights(np.where(kept, self.graph.weights, 0.0))
-            unchecked[kept] = bridges(believed)
-            unchecked &= ~bridges(self.graph)
-        return read_only(unchecked)
+        return unchecked_edges(self.graph, ~self.is_outlier)
 
     @cached_property
     def hanging_groups(self) -> list[NDArray[Any]]:
@@ -161,16 +147,7 @@ class Solution(NodeMapping):
             return []
         checks = ~self.is_outlier & ~self.is_unchecked & ~bridges(self.graph)
         checks |= self.edge_verdicts == "trusted"
-        if not checks.any():
-            return []
-        group = self.graph.with_weights(np.where(checks, self.graph.weights, 0.0)).components()
-        size, first = np.bincount(group), np.unique(group, return_index=True)[1]
-        order = np.argsort(-size, kind="stable")
-        # The largest of every part, which outliers alone join to others, is what the rest hangs on.
-        largest = order[np.unique(self.robust.part[first[order]], return_index=True)[1]]
-        least = max(_FEW_NODES, _FEW_OF_ALL * self.graph.num_nodes)
-        hanging = order[(size[order] >= least) & ~np.isin(order, largest)]
-        return [read_only(self.graph.nodes[group == k]) for k in hanging]
+        return hanging_groups(self.graph, checks, self.robust.part)
 
     def covariances(
         self,
@@ -254,92 +231,10 @@ class Solution(NodeMapping):
         return self.num_components if self.grounded is None else self.grounded.core.num_parts
 
     def __str__(self) -> str:
-        lines = [self._head(), *(f"  {name:<11} {text}" for name, text in self._rows())]
-        return "\n".join(lines)
+        return "\n".join([head(self), *(f"  {name:<11} {text}" for name, text in rows(self))])
 
     def _repr_html_(self) -> str:
-        return table(self._head(), self._rows())
-
-    def _head(self) -> str:
-        n, m = self.graph.num_nodes, self.graph.num_edges
-        uncertified = self.certificate is not None and self.status.converged
-        head = "Solved" if self.solved else "Not certified:" if uncertified else "Not solved:"
-        return f"{head} {n} rotations from {m} relative rotations, {self.timings.total:.3g} s"
-
-    def _rows(self) -> list[tuple[str, str]]:
-        degrees = np.degrees(self.residual_angles)
-        median, high = np.percentile(degrees, [50, 95])
-        rows = [("status", str(self.status))]
-        if self.anisotropic == "log" and self.isotropic is not None:
-            start = self.isotropic.certificate
-            of_start = "" if start is None else f" (where it started: {start.sentence})"
-            rows.append(("verdict", f"locally optimal, not certified{of_start}"))
-        elif self.certificate is None:
-            rows.append(("verdict", "not asked for"))
-        else:
-            c = self.certificate
-            rows += [
-                ("verdict", self._verdict_sentence(c)),
-                ("gap", f"at most {c.gap:.2g} above the optimum, relative {c.relative_gap:.2g}"),
-                ("lambda_min", f"{c.lambda_min + 0.0:.2g}"),
-            ]
-        rows += [
-            ("objective", f"{self.objective:.12g}{_OF_COVARIANCES[self.anisotropic]}"),
-            (
-                "residuals",
-                f"median {median:.3g} deg, 95 % below {high:.3g}, largest {degrees.max():.3g}",
-            ),
-            ("gradient", f"{self.gradient_norm:.2g}, relative {self.relative_gradient:.2g}"),
-            (
-                "method",
-                f"{self.reason or self.method}; from {self.init}, {self.iterations} iterations",
-            ),
-        ]
-        if self.num_components > 1:
-            held = self.grounded is not None and self.grounded.priors.hold_world
-            rows.append(("components", _gauges(self.num_components, held)))
-        if self.grounded is not None:
-            rows += self.grounded.rows(self.rotations, self.certificate is not None)
-        if self.rigs is not None:
-            rows.append(("rigs", self.rigs.sentence))
-        known = self.known_covariances
-        if known is not None:
-            rms = rms_degrees(known)
-            about = f"median {np.median(rms):.3g} deg, largest {rms.max():.3g}"
-            rows.append(("uncertainty", f"{about} (RMS angle relative to the gauge)"))
-            if rms.max() > _HALF_TURN:
-                rows.append(("", beyond_half_a_turn(rms)))
-        if self.robust is not None:
-            rows += self.robust.rows(self.num_parts_given)
-            if (unchecked := int(self.is_unchecked.sum())) > 0:
-                some = "1 edge" if unchecked == 1 else f"{unchecked} edges"
-                rows.append(("unchecked", f"{some} that outliers alone check"))
-            if self.hanging_groups:
-                sizes = [len(group) for group in self.hanging_groups]
-                some = "a group" if len(sizes) == 1 else f"{len(sizes)} groups"
-                rows.append(
-                    ("hanging", f"{some} of {sum(sizes)} nodes, on edges that nothing checks")
-                )
-        # Residuals on the way to the answer say nothing of the measurements.
-        elif self.status.converged and (
-            advice := contamination_of(self.graph, self.rotations, self.residual_angles)
-        ):
-            rows.append(("outliers?", advice))
-        return rows
-
-    def _verdict_sentence(self, c: Certificate) -> str:
-        if c.verdict == Verdict.NOT_CERTIFIED and not self.status.converged:
-            return "not certified: not converged yet"
-        held = ""
-        if self.rigs is not None and self.rigs.estimated.any():
-            held = " of the frames with the estimated sensors held"
-        if self.upright:
-            held = " of the headings, with gravity held"
-        if self.robust is None:
-            return f"{c.sentence}{held}"
-        return self.robust.proof_sentence(
-            f"{c.sentence}{held}", self.num_components, len(self.hanging_groups)
-        )
+        return table(head(self), rows(self))
 
     def __repr__(self) -> str:
         verdict = "no certificate" if self.certificate is None else str(self.certificate.verdict)
@@ -347,13 +242,6 @@ class Solution(NodeMapping):
             f"Solution({self.graph.num_nodes} rotations, objective {self.objective:.9g}, "
             f"{self.status.name.lower()}, {verdict})"
         )
-
-
-def _gauges(num_components: int, held: bool) -> str:
-    if not held:
-        return f"{num_components}, each with a gauge of its own"
-    others = "the other" if num_components == 2 else "each of the others"
-    return f"{num_components}: the priors hold the first, {others} has a gauge of its own"
 
 
 class Interrupted(KeyboardInterrupt):

@@ -1,37 +1,25 @@
-"""The main job: absolute rotations from relative ones, and a certificate for any rotations."""
+"""The main job: absolute rotations from relative ones, with a certificate."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, Literal, TypeVar, Union
+from collections.abc import Callable
+from typing import Any, Literal, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
-from rotavg.base.arrays import as_floats, read_only
-from rotavg.base.errors import GraphError, OptionError, SolverError
-from rotavg.graph.covariances import precision_of_weight_one
-from rotavg.graph.ids import as_ids, rows_of
+from rotavg.base.errors import OptionError
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.priors.grounded import ground
 from rotavg.priors.priors import Priors
-from rotavg.priors.rigs import is_rigs, sensors_of
 from rotavg.solving import options
-from rotavg.solving.anisotropic import (
-    START_TOLERANCE,
-    check,
-    given_precisions,
-    refined,
-    with_covariances,
-)
-from rotavg.solving.certificate import Certificate, certificate_from_core
-from rotavg.solving.edge_masks import edge_mask, edge_values
+from rotavg.solving.anisotropic import check, refined, settings_of_start, with_covariances
+from rotavg.solving.core_call import node_rotations
 from rotavg.solving.gauge import in_mean_gauge
-from rotavg.solving.online import OnlineSolution
-from rotavg.solving.robust import Loss, RobustFit
+from rotavg.solving.known_edges import known_edges
+from rotavg.solving.problem import Problem
+from rotavg.solving.robust import Loss
 from rotavg.solving.solution import Interrupted, Solution
-from rotavg.solving.status import Status, Timings, Trace
 from rotavg.solving.warm_start import warm_start
 
 Method = Literal["auto", "bcd", "sum", "newton", "staircase", "bcdsr"]
@@ -50,11 +38,6 @@ Gauge = Literal["first", "mean"]
 WeightKind = Literal["auto", "precision", "frequency"]
 Progress = _core.Progress
 Callback = Callable[[Progress], Union[bool, None]]
-
-# Rows as in the nodes of a graph, or a rotation for each of their ids.
-NodeRotations = Union[ArrayLike, Solution, OnlineSolution, Mapping[Any, NDArray[np.float64]]]
-
-_Result = TypeVar("_Result")
 
 
 def solve(
@@ -188,12 +171,7 @@ def solve(
             converged, and only the certificate was to come, it is an Interrupted, which holds the
             solution.
     """
-    start, origin = None, None
-    if isinstance(init, Solution):
-        start = warm_start(graph, init.graph.nodes, init.rotations, init.component)
-        origin = "solution"
-    elif not isinstance(init, str):
-        start, origin = _node_rotations(graph, init, "init"), "given"
+    start, origin = _start(graph, init)
     settings: dict[str, Any] = {
         "method": options.word("method", method),
         "init": init if isinstance(init, str) else "auto",
@@ -225,72 +203,17 @@ def solve(
         "min_cycles": options.whole("min_cycles", min_cycles, 1, 2**31 - 1),
         "weight_kind": options.word("weight_kind", weight_kind),
         "robust_priors": bool(robust_priors),
-        **_known_edges(graph, loss, trusted, excluded, edge_scales, initial_weights),
+        **known_edges(graph, loss, trusted, excluded, edge_scales, initial_weights),
     }
-
     if gauge not in ("first", "mean"):
         raise OptionError(f"gauge is {gauge!r}; expected 'first' or 'mean'")
-    sensors = sensors_of(graph, priors) if priors is not None and is_rigs(priors) else None
-    grounded = None if priors is None or sensors is not None else ground(graph, priors)
+    problem = Problem.of(graph, priors)
     first = settings
     if anisotropic is not False:
-        known = grounded is not None or sensors is not None
         check(graph, anisotropic)
-        rough = max(settings["tolerance"], START_TOLERANCE)
-        if sensors is not None:
-            rough = settings["tolerance"]  # what is found of the sensors stays
-        first = {**settings, "certify": False, "stop": "gradient", "tolerance": rough}
-        if loss == "l2" and not known and (start is not None or method == "staircase"):
-            first["max_iterations"] = 0  # from there at once
-            if method == "staircase":
-                first["method"] = "bcd"
-    try:
-        core = _call_core(
-            graph,
-            _core.solve,
-            **first,
-            priors=None if grounded is None else grounded.core,
-            start_is_solution=origin == "solution",
-            rigs=None if sensors is None else sensors.core,
-            rig_priors=None if sensors is None else sensors.others,
-        )
-    except _core.InvalidPrior as error:
-        assert sensors is not None
-        raise sensors.error(error) from None
-    except ValueError as error:
-        if not str(error).startswith(("all edges are between", "the rotations of all nodes are")):
-            raise  # what a callback raises is the caller's
-        raise GraphError(str(error)) from None
-    rigs = None
-    if sensors is not None:
-        final = core["robust"]["edge_weights"] if "robust" in core else graph.weights
-        rigs = sensors.fit(core["rigs"], core["rotations"], core["objective"], final)
-        grounded = sensors.grounded(rigs)
-    robust = None
-    if "robust" in core:
-        robust = RobustFit.from_core(core["robust"], graph)
-        if priors is not None and grounded is not None:
-            robust = robust.with_priors(graph, priors)
-            grounded = grounded.with_prior_weights(robust.absolute_priors, robust.gravity_priors)
-    solution = Solution(
-        graph=graph,
-        rotations=read_only(core["rotations"]),
-        objective=core["objective"],
-        gradient_norm=core["gradient_norm"],
-        relative_gradient=core["relative_gradient"],
-        status=Status[core["status"].upper()],
-        iterations=core["iterations"],
-        method=core["method"],
-        reason=core["reason"],
-        init=origin or core["init"],
-        trace=Trace(**{name: read_only(values) for name, values in core["trace"].items()}),
-        timings=Timings(**core["seconds"]),
-        certificate=certificate_from_core(core["certificate"], settings["certificate_tolerance"]),
-        component=read_only(core["component"]),
-        robust=robust,
-        grounded=grounded,
-        rigs=rigs,
-    )
+        first = settings_of_start(settings, problem)
+    core = problem.solve(first, start_is_solution=origin == "solution")
+    solution = problem.solution(core, origin, settings["certificate_tolerance"])
     interrupted = core["interrupted"]
     if anisotropic is not False and not interrupted:
         solution, interrupted = with_covariances(solution, settings)
@@ -303,141 +226,11 @@ def solve(
     return solution
 
 
-def _known_edges(
-    graph: MeasurementGraph,
-    loss: str,
-    trusted: ArrayLike | None,
-    excluded: ArrayLike | None,
-    edge_scales: ArrayLike | None,
-    initial_weights: ArrayLike | None,
-) -> dict[str, Any]:
-    """What is known of the edges beforehand, as the core takes it."""
-    if not isinstance(graph, MeasurementGraph):
-        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
-    robust = {"trusted": trusted, "edge_scales": edge_scales, "initial_weights": initial_weights}
-    for name, value in robust.items():
-        if value is not None and loss == "l2":
-            raise OptionError(f'{name} is for a robust loss, and this is "l2"')
-    trust, left_out = edge_mask(graph, "trusted", trusted), edge_mask(graph, "excluded", excluded)
-    if trust is not None and left_out is not None and (trust & left_out).any():
-        i, j = graph.edges[np.argmax(trust & left_out)].tolist()
-        raise OptionError(f"the edge ({i!r}, {j!r}) is both trusted and excluded")
-    return {
-        "trusted": trust,
-        "excluded": left_out,
-        "edge_scales": edge_values(graph, "edge_scales", edge_scales, 1e-50, 1e50),
-        "initial_weights": edge_values(graph, "initial_weights", initial_weights, 0.0, 1.0),
-    }
-
-
-def certify(
-    graph: MeasurementGraph,
-    rotations: NodeRotations,
-    *,
-    priors: Priors | None = None,
-    anisotropic: bool = False,
-    tolerance: float = 1e-6,
-    failure_probability: float = 1e-12,
-    seed: int = 0,
-    max_flops: float = 1e12,
-    time_limit: float | None = None,
-    num_threads: int | None = None,
-) -> Certificate:
-    """Bound how far any rotations are from the global optimum, whoever found them.
-
-    Args:
-        graph: the measurements.
-        rotations: (n, 3, 3) world_from_node, rows as in `graph.nodes`; or a solution or a dict,
-            which have them by id. They need not be stationary.
-        priors: what is known beforehand: then the rotations are in the world of the priors, and the
-            bound is that of the problem with them.
-        anisotropic: whether for the objective with the full covariances of the graph (see `solve`).
-        tolerance: the largest relative gap that is called optimal.
-        failure_probability: how large a chance of being wrong a proof may have where one without
-            would cost much more; 0 for none: then there may only be an estimate.
-        seed: of the random start of such a proof.
-        max_flops: no factorisation takes more operations than this.
-        time_limit: limit in seconds; the verdict is "not_certified" where it is hit.
-        num_threads: None for all processors.
-
-    Raises:
-        GraphError: if these are not n rotations, or not where `priors` hold them.
-        OptionError: for an option out of range.
-    """
-    grounded = None if priors is None else ground(graph, priors)
-    limits: dict[str, Any] = {
-        "tolerance": options.nonnegative("tolerance", tolerance),
-        "max_flops": options.nonnegative("max_flops", max_flops),
-        "time_limit": options.seconds(time_limit),
-        "num_threads": options.threads(num_threads),
-    }
-    R = _node_rotations(graph, rotations, "rotations")
-    precisions, unit = None, 1.0
-    if anisotropic:
-        precisions = given_precisions(graph)
-        assert graph.covariances is not None
-        unit = precision_of_weight_one(graph.covariances, graph.weights)
-    core = _call_core(
-        graph,
-        _core.certify,
-        R,
-        failure_probability=options.probability("failure_probability", failure_probability),
-        seed=options.whole("seed", seed, 0, 2**64 - 1),
-        priors=None if grounded is None else grounded.core,
-        precisions=precisions,
-        prior_precision=unit,
-        **limits,
-    )
-    certificate = certificate_from_core(core, tolerance)
-    assert certificate is not None
-    return certificate
-
-
-def objective(graph: MeasurementGraph, rotations: NodeRotations) -> float:
-    """Objective (3), sum of w |R_i R_ij - R_j|_F^2, at rotations as `certify` takes them."""
-    return _call_core(graph, _core.objective, _node_rotations(graph, rotations, "rotations"))
-
-
-def gradient(graph: MeasurementGraph, rotations: NodeRotations) -> NDArray[np.float64]:
-    """Riemannian gradient (n, 3) of the objective (3) at rotations as `certify` takes them.
-
-    Row i is the derivative along R_i <- exp([w]) R_i with respect to w (radians) at w = 0.
-    """
-    return _call_core(graph, _core.gradient, _node_rotations(graph, rotations, "rotations"))
-
-
-def _call_core(
-    graph: MeasurementGraph, function: Callable[..., _Result], *args: Any, **settings: Any
-) -> _Result:
-    """Call the core for a graph; it refuses matrices that are no rotations, and unknown options."""
-    if not isinstance(graph, MeasurementGraph):
-        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
-    try:
-        return function(graph._core, *args, **settings)
-    except _core.InvalidRotation as error:
-        node, reason = error.args
-        raise GraphError(f"the matrix of node {graph.nodes[node].item()!r} {reason}") from None
-    except _core.InvalidOption as error:
-        raise OptionError(str(error)) from None
-    except _core.TooLarge as error:
-        raise SolverError(str(error)) from None
-
-
-def _node_rotations(
-    graph: MeasurementGraph, rotations: NodeRotations, name: str
-) -> NDArray[np.float64]:
-    """(n, 3, 3) in the order of the graph's nodes."""
-    if not isinstance(graph, MeasurementGraph):
-        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
-    if isinstance(rotations, (Solution, OnlineSolution)):
-        ids, given = rotations.nodes, rotations.rotations
-    elif isinstance(rotations, Mapping):
-        ids = as_ids(list(rotations), f"the ids of {name}")
-        given = as_floats(list(rotations.values()), (len(ids), 3, 3), name)
-    else:
-        return as_floats(rotations, (graph.num_nodes, 3, 3), name)
-    rows = rows_of(graph.nodes, ids)
-    if (rows < 0).any():
-        missing = graph.nodes[np.argmin(rows)].item()
-        raise GraphError(f"{name}: there is none of node {missing!r}, expected one of every node")
-    return given[rows]
+def _start(
+    graph: MeasurementGraph, init: Init | ArrayLike | Solution
+) -> tuple[NDArray[np.float64] | None, str | None]:
+    """Rotations (n, 3, 3) to start from and what they are; None for both where `init` is a name."""
+    if isinstance(init, Solution):
+        start = warm_start(graph, init.graph.nodes, init.rotations, init.component)
+        return start, "solution"
+    return (None, None) if isinstance(init, str) else (node_rotations(graph, init, "init"), "given")

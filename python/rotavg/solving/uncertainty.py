@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,38 +12,11 @@ from rotavg.base.errors import GraphError, OptionError, SolverError
 from rotavg.base.memory import check_memory
 from rotavg.graph.covariances import information, precision_of_weight_one
 from rotavg.graph.ids import as_ids, rows_of
-from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.priors.grounded import Grounded
-from rotavg.solving.robust import RobustFit
+from rotavg.solving.solved import Solved
 
 _BYTES_PER_PAIR = 250  # at most at a time: the pairs, the core's result and the one in its frame
 
 Frame = Literal["world", "node"]
-
-
-class Solved(Protocol):
-    """What the covariances need to know of a `Solution`, whose attributes these are."""
-
-    @property
-    def graph(self) -> MeasurementGraph: ...
-    @property
-    def rotations(self) -> NDArray[np.float64]: ...
-    @property
-    def objective(self) -> float: ...
-    @property
-    def component(self) -> NDArray[np.int32]: ...
-    @property
-    def num_components(self) -> int: ...
-    @property
-    def residual_angles(self) -> NDArray[np.float64]: ...
-    @property
-    def is_outlier(self) -> NDArray[np.bool_]: ...
-    @property
-    def robust(self) -> RobustFit | None: ...
-    @property
-    def grounded(self) -> Grounded | None: ...
-    @property
-    def isotropic(self) -> object | None: ...
 
 
 def covariances(

@@ -134,4 +134,19 @@ inline Rotations perturbed(Random& random, Rotations R, double size) {
   return R;
 }
 
+/// Up to 12 nodes and few edges: several components, isolated nodes and parallel edges.
+inline MeasurementGraph scattered_graph(Random& random) {
+  const Index n = 2 + random.below(11);
+  Pairs pairs;
+  for (Index k = 1 + random.below(n); k > 0; --k) {
+    const Index i = random.below(n);
+    pairs.emplace_back(i, (i + 1 + random.below(n - 1)) % n);
+  }
+  auto measurements = measure(random, pairs, random.rotations(n), 1.0);
+  spread_weights(random, 1.0, measurements);
+  std::vector<NodeId> nodes;
+  for (NodeId id = 0; id < n; ++id) nodes.push_back(id);
+  return MeasurementGraph(measurements, nodes);
+}
+
 }  // namespace rotavg::test

@@ -11,6 +11,7 @@
 #include <rotavg/certify/factorization.hpp>
 #include <rotavg/certify/min_eigenvalue.hpp>
 #include <rotavg/certify/random_start.hpp>
+#include <rotavg/certify/shifted_factorization.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/linalg/memory.hpp>
 #include <rotavg/reduction/gravity_pairs.hpp>

@@ -147,37 +147,8 @@ class BlockCholesky {
   }
 
   /// tr D for a diagonal D >= 0 with A + shift I + D >= L L^T in spite of rounding.
-  ///
-  /// L L^T = A + shift I + E with |E_ij| <= u k_ij / (1 - u k_ij) (|L| |L|^T)_ij, where k_ij is at
-  /// most the number of products that were subtracted and three, for the shift and the root (Higham
-  /// 2002, Theorem 10.3, for any order of the operations). With k_i the number of nonzeros in row i
-  /// of L and two, k_ij <= sqrt(k_i k_j), so |E| <= u' sum_c a_c a_c^T with a_c = (sqrt(k_i)
-  /// |L_ic|)_i; and a a^T <= diag(a) sum_i a_i, whose trace is (sum_i a_i)^2.
   double rounding_trace() const {
-    const auto& supernodes = symbolic_->supernodes();
-    std::vector<double> row_size(static_cast<std::size_t>(symbolic_->size()), 2.0);
-    for (const Supernode& node : supernodes) {
-      for (Index k = node.begin; k < node.end; ++k) row_size[k] += B * (k - node.begin + 1.0);
-      for (const Index row : node.below) row_size[row] += B * node.columns();
-    }
-    double trace = 0.0, largest = 0.0;
-    Eigen::VectorXd root(B * most_rows_);  // as long as the longest column
-    for (std::size_t s = 0; s < supernodes.size(); ++s) {
-      const Supernode& node = supernodes[s];
-      const auto rows = static_cast<Index>(node.rows());
-      for (Index r = 0; r < rows; ++r) {
-        const Index row = r < node.columns() ? node.begin + r : node.below[r - node.columns()];
-        root.segment<B>(B * r).setConstant(std::sqrt(row_size[row]));
-        largest = std::max(largest, row_size[row]);
-      }
-      const MatrixView L = factor(s);
-      for (Eigen::Index c = 0; c < L.cols(); ++c) {
-        const Eigen::Index size = B * rows - c;
-        const double sum = root.segment(c, size).dot(L.col(c).tail(size).cwiseAbs());
-        trace += sum * sum;
-      }
-    }
-    return unit_roundoff / (1.0 - unit_roundoff * largest) * trace;
+    return rotavg::rounding_trace<B>(*symbolic_, [this](std::size_t s) { return factor(s); });
   }
 
  private:

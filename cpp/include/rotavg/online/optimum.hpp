@@ -8,6 +8,7 @@
 
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/certify/component_certificate.hpp>
+#include <rotavg/online/component_sums.hpp>
 #include <rotavg/online/follow.hpp>
 #include <rotavg/online/tended_core.hpp>
 #include <rotavg/problem/objective.hpp>
@@ -61,7 +62,8 @@ class OnlineOptimum {
   void settle() {
     for (OnlineComponent& component : tended_.components) {
       const double enough = 1e-3 * tolerance_ * component.objective;
-      if (component.is_touched && component.drift > enough) tended_.sum_objective(component);
+      if (component.is_touched && component.drift > enough)
+        sum_objective(component, tended_.graph());
     }
     if (!tended_.touched.empty()) {
       follower_.take_in();
@@ -249,7 +251,7 @@ class OnlineOptimum {
         tended_.update_node(i);
         core_nodes.push_back(i);
       }
-      tended_.sum_objective(component);
+      sum_objective(component, tended_.graph());
       follower_.refresh(core_nodes);
       if (!proved) converge_again(component);
       component.has_converged = true;

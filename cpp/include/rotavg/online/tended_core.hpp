@@ -7,7 +7,9 @@
 
 #include <rotavg/online/clique_tree.hpp>
 #include <rotavg/online/component.hpp>
+#include <rotavg/online/component_sums.hpp>
 #include <rotavg/online/core.hpp>
+#include <rotavg/online/hanging.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
@@ -121,31 +123,7 @@ class TendedCore {
     touched.clear();
   }
 
-  void sum_objective(OnlineComponent& component) {
-    component.objective = component.drift = 0.0;
-    double count = 0.0;
-    for (const Index i : component.nodes) {
-      for (const GrowingGraph::End& end : graph().ends(i)) {
-        const OnlineEdge& e = graph().edge(end.edge);
-        if (e.i != i || !e.in_core || !(e.weight > 0.0)) continue;
-        component.objective += e.cost;
-        count += 1.0;
-      }
-    }
-    component.drift = unit_roundoff * count * component.objective;
-  }
-
  private:
-  static void change_objective(OnlineComponent& component, double old, double now) {
-    component.objective = std::max(component.objective + (now - old), 0.0);
-    component.drift += 4.0 * unit_roundoff * (component.objective + old + now);
-  }
-
-  /// No edge costs more than 8 times its weight: |R - R'|_F^2 <= 8.
-  static void lower_weight(OnlineComponent& component, double by) {
-    component.lower_bound = std::max(component.lower_bound - 8.0 * by, 0.0);
-  }
-
   Index start_component(std::vector<Index> nodes, Index ground) {
     if (free_.empty()) {
       free_.push_back(static_cast<Index>(components.size()));
@@ -191,34 +169,9 @@ class TendedCore {
       node.kind = NodeKind::core;
       const Index edge = std::exchange(node.anchor_edge, -1);
       node.anchor = node.base = -1;
-      hang_anew(p);
+      hang_anew(core, p);
       set_in_core(edge);
     }
-  }
-
-  /// What hangs from a node of the core, or ground, rides on it from now on.
-  void hang_anew(Index base) {
-    std::vector<std::pair<Index, Quaternion>> stack{{base, Quaternion::Identity()}};
-    while (!stack.empty()) {
-      const auto [i, q] = stack.back();
-      stack.pop_back();
-      for (const GrowingGraph::End& end : graph().ends(i)) {
-        OnlineNode& node = core.node(end.node);
-        if (node.kind != NodeKind::hanging || node.anchor_edge != end.edge || node.anchor != i) {
-          continue;
-        }
-        node.base = base;
-        node.q = ride(end.edge, i, q);
-        stack.emplace_back(end.node, node.q);
-      }
-    }
-  }
-
-  /// base_from_j of the other end of an edge at i, which it meets.
-  Quaternion ride(Index k, Index i, const Quaternion& base_from_i) const {
-    const OnlineEdge& e = graph().edge(k);
-    const WeightedQuaternion other = e.i == i ? e.i_from_j : e.i_from_j.conjugate();
-    return Quaternion(product(base_from_i, other)).normalized();
   }
 
   /// Two components become one: the larger keeps its ground, and the other is turned to meet the
@@ -230,7 +183,7 @@ class TendedCore {
     const Index ground = components[other].ground;
     const OnlineNode& at_i = core.node(i);
     const bool rides = at_i.kind == NodeKind::hanging;
-    const Quaternion j_estimate = ride(k, i, rides ? at_i.q : Quaternion::Identity());
+    const Quaternion j_estimate = ride(graph(), k, i, rides ? at_i.q : Quaternion::Identity());
     if (components[other].nodes.size() == 1) {
       OnlineNode& node = core.node(j);
       node.kind = NodeKind::hanging;
@@ -239,7 +192,7 @@ class TendedCore {
       node.anchor = i;
       node.anchor_edge = k;
     } else {
-      const Quaternion target = ride(k, i, core.rotation(i));
+      const Quaternion target = ride(graph(), k, i, core.rotation(i));
       const Quaternion turn(product(target, core.rotation(j).conjugate()));
       for (const Index l : components[other].nodes) {
         OnlineNode& node = core.node(l);
@@ -259,33 +212,20 @@ class TendedCore {
       core.node(l).component = c;
       component.nodes.push_back(l);
     }
-    component.objective += components[other].objective;
-    component.drift += components[other].drift + 2.0 * unit_roundoff * component.objective;
-    component.weight += components[other].weight;
-    component.num_edges += components[other].num_edges;
-    component.lower_bound += components[other].lower_bound;
-    component.lower_bound -= 2.0 * unit_roundoff * component.lower_bound;
+    add_sums(component, components[other]);
     end_component(other);
   }
 
   /// A hanging node has lost its anchor.
   void cut(Index j) {
-    std::vector<Index> side{j};
-    for (std::size_t p = 0; p < side.size(); ++p) {
-      for (const GrowingGraph::End& end : graph().ends(side[p])) {
-        if (core.node(end.node).kind == NodeKind::hanging &&
-            core.node(end.node).anchor_edge == end.edge && core.node(end.node).anchor == side[p]) {
-          side.push_back(end.node);
-        }
-      }
-    }
+    const std::vector<Index> side = hanging_tree(core, j);
     const Quaternion q = core.rotation(j);
     OnlineNode& node = core.node(j);
     node.kind = NodeKind::ground;
     node.q = q;
     node.base = node.anchor = node.anchor_edge = -1;
     separate(side, j);
-    hang_anew(j);
+    hang_anew(core, j);
   }
 
   /// After an edge of the core between i and j has gone.
@@ -330,20 +270,8 @@ class TendedCore {
     components[c].nodes = std::move(rest);
     const Index other = start_component(side, ground);
     for (const Index part : {c, other}) {
-      OnlineComponent& component = components[part];
-      component.is_touched = true;
-      component.lower_bound = 0.0;  // of either alone nothing is known
-      component.weight = 0.0;
-      component.num_edges = 0;
-      for (const Index l : component.nodes) {
-        for (const GrowingGraph::End& end : graph().ends(l)) {
-          const OnlineEdge& e = graph().edge(end.edge);
-          if (e.i != l || !(e.weight > 0.0)) continue;
-          component.weight += e.weight;
-          ++component.num_edges;
-        }
-      }
-      sum_objective(component);
+      components[part].is_touched = true;
+      sum_anew(components[part], graph());
     }
   }
 

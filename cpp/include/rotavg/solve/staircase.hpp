@@ -13,9 +13,9 @@
 #include <Eigen/Core>
 
 #include <rotavg/certify/bound.hpp>
-#include <rotavg/certify/factorization.hpp>
 #include <rotavg/certify/lifted_certificate_matrix.hpp>
 #include <rotavg/certify/min_eigenvalue.hpp>
+#include <rotavg/certify/shifted_factorization.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/linalg/lobpcg.hpp>

@@ -1,6 +1,8 @@
-"""Which edges are meant: masks, pairs of nodes, or the odometry of a trajectory."""
+"""What is known of edges beforehand: masks, pairs of nodes, numbers, a trajectory's odometry."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,6 +11,36 @@ from rotavg.base.arrays import as_floats
 from rotavg.base.errors import GraphError, OptionError
 from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
+
+
+def known_edges(
+    graph: MeasurementGraph,
+    loss: str,
+    trusted: ArrayLike | None,
+    excluded: ArrayLike | None,
+    edge_scales: ArrayLike | None,
+    initial_weights: ArrayLike | None,
+) -> dict[str, Any]:
+    """What is known of the edges, as the core takes it; see `solve`.
+
+    Raises GraphError for what does not fit the graph, OptionError for what the loss has no use for.
+    """
+    if not isinstance(graph, MeasurementGraph):
+        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
+    robust = {"trusted": trusted, "edge_scales": edge_scales, "initial_weights": initial_weights}
+    for name, value in robust.items():
+        if value is not None and loss == "l2":
+            raise OptionError(f'{name} is for a robust loss, and this is "l2"')
+    trust, left_out = edge_mask(graph, "trusted", trusted), edge_mask(graph, "excluded", excluded)
+    if trust is not None and left_out is not None and (trust & left_out).any():
+        i, j = graph.edges[np.argmax(trust & left_out)].tolist()
+        raise OptionError(f"the edge ({i!r}, {j!r}) is both trusted and excluded")
+    return {
+        "trusted": trust,
+        "excluded": left_out,
+        "edge_scales": edge_values(graph, "edge_scales", edge_scales, 1e-50, 1e50),
+        "initial_weights": edge_values(graph, "initial_weights", initial_weights, 0.0, 1.0),
+    }
 
 
 def edge_mask(

@@ -1,0 +1,92 @@
+// The certificate matrix S = Lambda - Rt, entry by entry.
+
+#include <cmath>
+
+#include <doctest/doctest.h>
+
+#include <rotavg/certify/certificate_matrix.hpp>
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
+#include <rotavg/problem/gradient.hpp>
+#include <rotavg/problem/objective.hpp>
+
+#include "support/blocks.hpp"
+#include "support/certificates.hpp"
+#include "support/dense.hpp"
+#include "support/graphs.hpp"
+#include "support/random.hpp"
+
+using namespace rotavg;
+using rotavg::test::descend;
+using rotavg::test::Random;
+using rotavg::test::small_graph;
+
+namespace {
+
+/// S with all that it refers to.
+struct CertificateAt {
+  Components components;
+  ResidualQuaternions residuals;
+  NodeSums sums;
+  CertificateMatrix S;
+
+  CertificateAt(const MeasurementGraph& graph, const Rotations& R)
+      : components(connected_components(graph)),
+        residuals(graph, to_quaternions(R), 1),
+        sums(residuals),
+        S(sums, components, 0) {}
+  CertificateAt(const CertificateAt&) = delete;
+};
+
+}  // namespace
+
+TEST_CASE("S is Lambda - Rt, as an operator and as a sparse matrix without its first nodes") {
+  Random random;
+  INFO(random.replay());
+  for (int k = 0; k < 50; ++k) {
+    const MeasurementGraph graph = small_graph(random, 0.5);
+    const Rotations R = random.rotations(graph.num_nodes());
+    const CertificateAt at(graph, R);
+    const CertificateMatrix& S = at.S;
+    const Eigen::MatrixXd dense =
+        test::in_global_frame(test::dense_certificate_matrix(graph, R), R);
+    const double tolerance = 1e-14 * dense.norm();
+    const Eigen::Index size = dense.rows();
+    REQUIRE((S.apply(Eigen::MatrixXd::Identity(size, size)) - dense).norm() < tolerance);
+    for (const Index skipped : {0, 1}) {
+      const Eigen::Index rest = size - 3 * skipped;
+      Elimination elimination(graph, at.components, 0, skipped);
+      const auto blocks = S.blocks(elimination);
+      const Eigen::MatrixXd sparse = test::dense_symmetric<3>(elimination.pattern(), blocks);
+      REQUIRE((sparse - dense.bottomRightCorner(rest, rest)).norm() < tolerance);
+    }
+    // tr(Lambda) = tr(R Rt R^T) at any R.
+    const double trace_lambda = dense.trace();  // Rt has no diagonal blocks
+    REQUIRE(trace_lambda == doctest::Approx(6.0 * graph.total_weight() - objective(graph, R))
+                                .epsilon(1e-12)
+                                .scale(graph.total_weight()));
+  }
+}
+
+TEST_CASE("what S leaves of R^T is sqrt(2) / 4 of the gradient, and nothing where that vanishes") {
+  Random random;
+  INFO(random.replay());
+  for (int k = 0; k < 50; ++k) {
+    const MeasurementGraph graph = small_graph(random, 0.3);
+    const Rotations R = random.rotations(graph.num_nodes());
+    const CertificateAt at(graph, R);
+    const CertificateMatrix& S = at.S;
+    const double root_n = std::sqrt(double(graph.num_nodes()));  // the null vectors have length one
+    REQUIRE((S.apply(root_n * S.null_vectors()) - S.leftover()).norm() <
+            1e-13 * graph.total_weight());
+    REQUIRE(S.leftover().norm() ==
+            doctest::Approx(std::sqrt(2.0) / 4.0 * gradient_norm(graph, R).absolute));
+
+    const Rotations stationary = descend(graph, R);
+    const CertificateAt there(graph, stationary);
+    const CertificateMatrix& at_stationary = there.S;
+    REQUIRE(at_stationary.leftover().norm() < 1e-12 * graph.total_weight());
+    REQUIRE(at_stationary.apply(at_stationary.null_vectors()).norm() <
+            1e-12 * graph.total_weight());
+  }
+}
