@@ -143,6 +143,9 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   constexpr std::size_t most_places = 3;
   constexpr int most_turns = 3, enough_starts = 2, most_rounds = 4, depth = 3,
                 wider = 2 * strongest_of_a_camera;
+  // Of cameras on a line, each with its eight nearest, ten edges cross a place: with one voice of
+  // either end. A fold may show at its seam alone, however many cameras there are.
+  constexpr double seam = 20.0;
   const std::size_t m = graph.edges().size();
   const auto go_on = run.keep_going();
   Portfolio portfolio;
@@ -175,7 +178,8 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   // 1.
   double against = 0.0;
   for (const double x : stories[0].x) against += x > contradicted;
-  const bool fits = noise <= coarse && against <= clear_edges * static_cast<double>(m);
+  const bool fits =
+      noise <= coarse && against <= std::min(seam, clear_edges * static_cast<double>(m));
   if (fits || !go_on()) return finish();
   const Neighbourhoods neighbourhoods(graph, go_on);
   const bool uneven = graph.max_weight() > graph.min_weight();
@@ -192,7 +196,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
     for (std::size_t k = 0; k < m; ++k) {
       if (story.x[k] > contradicted) against_it += evidence.voices()[k];
     }
-    return against_it > clear_voices * voices;
+    return against_it > std::min(seam, clear_voices * voices);
   };
   if (noise <= coarse && !contradicts(stories[0]) &&
       rejected_and_coherent(stories[0].x, overlap).empty()) {
