@@ -46,6 +46,13 @@ def test_the_answer_is_not_the_folded_one(even: bool) -> None:
     assert "starts led to" in solution.reason
 
 
+@pytest.mark.parametrize("even", [False, True])
+def test_a_fold_shows_at_its_seam_however_long_the_ring_is(even: bool) -> None:
+    graph, truth = folded_ring(800, even=even)  # folded, it rejects 42 of 6000 edges
+    solution = rotavg.solve(graph, loss="auto", certify=False)
+    assert np.degrees(rotavg.compare(solution.rotations, truth).angles.max()) < 1
+
+
 def test_a_robust_proof_names_what_is_proved() -> None:
     graph, _ = folded_ring()
     solution = rotavg.solve(graph, loss="auto")

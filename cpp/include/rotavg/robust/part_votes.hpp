@@ -24,6 +24,7 @@ constexpr std::size_t most_candidates = 48;  // ballots that are tried as turns
 struct Ballot {
   Matrix3 turn;
   double most2;
+  Index edge;
 };
 
 /// How much other ballots than the best agree with a turn: as any turn meets one of them exactly,
@@ -44,6 +45,8 @@ inline double support(const std::vector<Ballot>& ballots, const Matrix3& turn) {
 struct Sides {
   std::vector<Index> part;                   ///< (n,) of every node
   std::vector<Index> parent, order;          ///< of the parts, parents first; a root's parent is -1
+  std::vector<Index> holder;                 ///< the edge that joins a part to its parent, or -1
+  std::vector<bool> checked, left_out;       ///< (m,) edges that cycles check, and the outliers
   std::vector<std::vector<Ballot>> ballots;  ///< of the outliers, for every part
 };
 
@@ -52,11 +55,13 @@ inline Sides sides_of(const MeasurementGraph& graph, const std::vector<double>& 
                       const std::vector<double>& x, double threshold, const Rotations& R) {
   const double threshold2 = threshold * threshold;
   const auto units = [&](std::size_t k) { return precision_of(precision, k); };
-  std::vector<bool> left_out(x.size()), holds(x.size());
+  Sides sides;
+  std::vector<bool>&left_out = sides.left_out, &holds = sides.checked;
+  left_out.resize(x.size());
+  holds.resize(x.size());
   for (Index k = 0; k < graph.num_edges(); ++k) left_out[k] = units(k) * x[k] > threshold2;
   const Series series = series_of(graph, left_out);
   for (std::size_t k = 0; k < x.size(); ++k) holds[k] = !left_out[k] && series.label[k] >= 0;
-  Sides sides;
   sides.part = parts_joined_by(graph, holds);
   const std::vector<Index>& part = sides.part;
   const Index parts = part.empty() ? 0 : 1 + *std::max_element(part.begin(), part.end());
@@ -72,6 +77,7 @@ inline Sides sides_of(const MeasurementGraph& graph, const std::vector<double>& 
   std::vector<Index>&parent = sides.parent, &order = sides.order;
   std::vector<Index> depth(parts, -1);
   parent.assign(parts, -1);
+  sides.holder.assign(parts, -1);
   for (Index root = 0; root < parts; ++root) {
     if (depth[root] >= 0) continue;
     depth[root] = 0;
@@ -84,6 +90,7 @@ inline Sides sides_of(const MeasurementGraph& graph, const std::vector<double>& 
         if (depth[q] >= 0) continue;
         depth[q] = depth[p] + 1;
         parent[q] = p;
+        sides.holder[q] = k;
         order.push_back(q);
       }
     }
@@ -104,7 +111,7 @@ inline Sides sides_of(const MeasurementGraph& graph, const std::vector<double>& 
     }
     if (i != j) continue;  // of two trees
     for (const auto& [side, from_i] : path) {
-      sides.ballots[side].push_back({from_i ? Matrix3(of_j.transpose()) : of_j, most2});
+      sides.ballots[side].push_back({from_i ? Matrix3(of_j.transpose()) : of_j, most2, k});
     }
   }
   return sides;

@@ -11,6 +11,7 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/init/maximum_spanning_tree.hpp>
 #include <rotavg/robust/evidence.hpp>
+#include <rotavg/robust/likely_turns.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/neighbourhoods.hpp>
 #include <rotavg/robust/part_votes.hpp>
@@ -41,6 +42,7 @@ struct Portfolio {
   std::optional<Evidence> evidence;  ///< if any was needed
   Index tried = 1;                   ///< starts
   Index different = 1;               ///< different answers to which they led
+  Index turned = 0;                  ///< sides of the best, by take_likely_turns
 };
 
 namespace detail {
@@ -124,8 +126,9 @@ inline std::vector<double> rejected_and_coherent(const std::vector<double>& x,
 ///    no two other starts have led: l1 on the strongest edges alone, of either kind, the trees by
 ///    relative weight and overlap, by what the strongest of the strongest share, by weight and
 ///    overlap, and by what the strongest edges say that the best answer rejects.
-/// 4. What the rejected edges would say, if many of them agree with one another; and the other
-///    places of parts that a single edge holds (other_places).
+/// 4. What the rejected edges would say, if many of them agree with one another. Of parts that a
+///    single edge holds the best answer takes the likely place (take_likely_turns), in the end and
+///    where 1 is all there is, and the others are answers, too (other_places).
 /// 5. All are compared at one scale, the noise of the first, or the smallest if that is coarse. One
 ///    takes the place of the first where relative weights or voices clearly prefer it, of
 ///    several the one that they prefer; what they do not rule out is an alternative.
@@ -138,7 +141,11 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   constexpr double coarse = 0.1;  // noise that may well be that of an answer between two stories
   constexpr double beyond_doubt = 5.0, few_cameras = 0.02, outlier_noises = 3.0;
   constexpr std::size_t most_places = 3;
-  constexpr int enough_starts = 2, most_rounds = 4, depth = 3, wider = 2 * strongest_of_a_camera;
+  constexpr int most_turns = 3, enough_starts = 2, most_rounds = 4, depth = 3,
+                wider = 2 * strongest_of_a_camera;
+  // Of cameras on a line, each with its eight nearest, ten edges cross a place: with one voice of
+  // either end. A fold may show at its seam alone, however many cameras there are.
+  constexpr double seam = 20.0;
   const std::size_t m = graph.edges().size();
   const auto go_on = run.keep_going();
   Portfolio portfolio;
@@ -152,7 +159,18 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   };
   const auto units_of = [&](Story& story) { story.x = in_units(scale, story.rotations); };
   units_of(stories[0]);
+  const auto turn_sides = [&](Story& story) {
+    for (int k = 0; k < most_turns && go_on(); ++k) {
+      const Index turned =
+          take_likely_turns(graph, run.precision(), run.squared_residuals_at(story.rotations),
+                            outlier_noises * scale, step_tolerance(scale), story.rotations);
+      if (turned == 0) break;
+      portfolio.turned += turned;
+      units_of(story);
+    }
+  };
   const auto finish = [&] {
+    if (portfolio.tried == 1) turn_sides(stories[0]);
     portfolio.best = std::move(stories[0]);
     return std::move(portfolio);
   };
@@ -160,7 +178,8 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   // 1.
   double against = 0.0;
   for (const double x : stories[0].x) against += x > contradicted;
-  const bool fits = noise <= coarse && against <= clear_edges * static_cast<double>(m);
+  const bool fits =
+      noise <= coarse && against <= std::min(seam, clear_edges * static_cast<double>(m));
   if (fits || !go_on()) return finish();
   const Neighbourhoods neighbourhoods(graph, go_on);
   const bool uneven = graph.max_weight() > graph.min_weight();
@@ -177,7 +196,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
     for (std::size_t k = 0; k < m; ++k) {
       if (story.x[k] > contradicted) against_it += evidence.voices()[k];
     }
-    return against_it > clear_voices * voices;
+    return against_it > std::min(seam, clear_voices * voices);
   };
   if (noise <= coarse && !contradicts(stories[0]) &&
       rejected_and_coherent(stories[0].x, overlap).empty()) {
@@ -280,6 +299,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   if (!rejected.empty() && go_on() && run.ended() == Status::not_run) {
     attempt_tree("the tree of the rejected edges", rejected);
   }
+  turn_sides(stories[best]);
 
   const std::vector<Rotations> elsewhere =
       other_places(graph, run.precision(), run.squared_residuals_at(stories[best].rotations),

@@ -50,8 +50,12 @@ inline std::string describe(const RobustLoss& loss, int l1_reweightings, Index m
 
 /// What other starts led to, in words; empty if none was tried.
 inline std::string describe(const Portfolio& portfolio) {
-  if (portfolio.tried <= 1) return "";
   std::ostringstream text;
+  if (portfolio.turned > 0) {
+    text << "; " << portfolio.turned << (portfolio.turned == 1 ? " part" : " parts")
+         << " turned as likely edges say";
+  }
+  if (portfolio.tried <= 1) return text.str();
   text << "; " << portfolio.tried << " starts led to ";
   if (portfolio.different == 1) {
     text << "one answer";
@@ -188,7 +192,8 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
       noise = portfolio.best.noise;
       if (robust.scale == 0.0) loss.scale = loss_noises * noise;
     }
-    if (portfolio.replaced || reweighted.status == Status::iteration_limit) {
+    if (portfolio.replaced || portfolio.turned > 0 ||
+        reweighted.status == Status::iteration_limit) {
       reweighted = settle(portfolio.best.rotations, loss_limit);
     }
   }

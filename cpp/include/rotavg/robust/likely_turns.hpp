@@ -1,0 +1,84 @@
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <vector>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/robust/part_votes.hpp>
+#include <rotavg/robust/residuals.hpp>
+#include <rotavg/robust/turn_odds.hpp>
+#include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+/// Turns sides that a single edge holds, with which none of those that contradict it agrees, as one
+/// of them says: the edges alone would leave it to chance which is right. It is the one that turns
+/// as right edges do (TurnOdds). If none does, all are wrong, each by about what it turns: then the
+/// one that turns least does the least harm.
+///
+/// @param x, precision, threshold, R as of take_part_votes
+/// @param tolerance a chord up to which edges agree, if their noise allows for no more
+/// @returns how many sides were turned; none lies within another
+inline Index take_likely_turns(const MeasurementGraph& graph, const std::vector<double>& precision,
+                               const std::vector<double>& x, double threshold, double tolerance,
+                               Rotations& R) {
+  // Of two edges of a camera on Ellis Island, one right and one wrong, the likelier one is then
+  // right nine times of ten.
+  constexpr double clearly = 1.5;
+  constexpr double incredible = -2.0, less = 0.25, thresholds = 2.0;
+  const detail::Sides sides = detail::sides_of(graph, precision, x, threshold, R);
+  const TurnOdds odds(graph, sides.checked, sides.left_out);
+  const auto agree = [&](const Matrix3& at, const detail::Ballot& b) {
+    const double chord2 = 3.0 - at.cwiseProduct(b.turn).sum();
+    return chord2 <= std::max(tolerance * tolerance, thresholds * thresholds * b.most2);
+  };
+  // Edges that agree add up, if any of them speaks for their turn at all.
+  const auto together = [&](const std::vector<detail::Ballot>& cast, const detail::Ballot& with) {
+    double best = odds(with.edge), sum = std::max(0.0, best);
+    for (const detail::Ballot& b : cast) {
+      if (b.edge == with.edge || !agree(with.turn, b)) continue;
+      best = std::max(best, odds(b.edge));
+      sum += std::max(0.0, odds(b.edge));
+    }
+    return best > 0.0 ? sum : best;
+  };
+  std::vector<Matrix3> turn(sides.parent.size(), Matrix3::Identity());
+  std::vector<bool> turned(turn.size(), false);
+  Index moved = 0;
+  for (const Index p : sides.order) {
+    if (sides.parent[p] < 0) continue;
+    turn[p] = turn[sides.parent[p]];
+    turned[p] = turned[sides.parent[p]];
+    const std::vector<detail::Ballot>& cast = sides.ballots[p];
+    const Index holder = sides.holder[p];
+    const bool trusted = !(precision_of(precision, holder) > 0.0);
+    const bool alone = std::none_of(cast.begin(), cast.end(), [&](const detail::Ballot& b) {
+      return agree(Matrix3::Identity(), b);
+    });
+    if (turned[p] || trusted || !alone) continue;
+    double most = odds(holder), least = odds.turn(holder);
+    const std::size_t stride = 1 + cast.size() / detail::most_candidates;
+    for (std::size_t k = 0; k < cast.size(); k += stride) {
+      const double now = together(cast, cast[k]), angle = odds.turn(cast[k].edge);
+      const bool likelier = now > most + clearly;
+      const bool harmless = most < incredible && now >= most - clearly && angle < least - less;
+      if (!likelier && !harmless) continue;
+      most = now;
+      least = angle;
+      turn[p] = cast[k].turn;
+      turned[p] = true;
+    }
+    moved += turned[p];
+  }
+  if (moved == 0) return 0;
+  for (std::size_t i = 0; i < R.size(); ++i) R[i] = turn[sides.part[i]] * R[i];
+  return moved;
+}
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop
