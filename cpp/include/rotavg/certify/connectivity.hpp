@@ -108,15 +108,17 @@ class Connectivity {
     // The lower triangle, column by column.
     const std::size_t size = left_.size();
     Buffer M(size * size);
-    std::fill_n(M.data(), size * size, c);
-    for (const QuaternionEdge& edge : S_.graph().quaternion_edges()) {
-      if (S_.components().label[edge.i] != S_.component()) continue;
-      const Index a = row(edge.i), b = row(edge.j);
-      M.data()[std::min(a, b) * size + std::max(a, b)] -=
-          edge.i_from_j.squaredNorm();  // the weight
-    }
+    parallel_for(S_.num_nodes(), S_.residuals().num_threads(), [&](Index a) {
+      double* const column = M.data() + a * size;
+      std::fill(column + a, column + size, c);
+      column[a] += left_[a];
+      for (const HalfEdge& h : S_.graph().row(S_.nodes()[a])) {
+        const Index b = row(h.node);
+        if (b > a) column[b] -= h.node_from_l.squaredNorm();  // the weight
+      }
+    });
     double trace = 0.0;
-    for (std::size_t a = 0; a < size; ++a) trace += M.data()[a * size + a] += left_[a];
+    for (std::size_t a = 0; a < size; ++a) trace += M.data()[a * size + a];
     PartialCholesky cholesky;
     Interruption interruption(keep_going);
     const auto outcome =
