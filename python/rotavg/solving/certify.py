@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from rotavg import _core
+from rotavg.base.errors import OptionError
 from rotavg.graph.covariances import precision_of_weight_one
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.grounded import ground
@@ -49,6 +52,8 @@ def certify(
         GraphError: if these are not n rotations, or not where `priors` hold them.
         OptionError: for an option out of range.
     """
+    if not isinstance(anisotropic, (bool, np.bool_)):
+        raise OptionError(f"anisotropic is {anisotropic!r}; expected True or False")
     grounded = None if priors is None else ground(graph, priors)
     limits: dict[str, Any] = {
         "tolerance": options.nonnegative("tolerance", tolerance),

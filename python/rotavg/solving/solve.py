@@ -207,6 +207,8 @@ def solve(
     }
     if gauge not in ("first", "mean"):
         raise OptionError(f"gauge is {gauge!r}; expected 'first' or 'mean'")
+    if isinstance(anisotropic, np.bool_):
+        anisotropic = bool(anisotropic)
     problem = Problem.of(graph, priors)
     first = settings
     if anisotropic is not False:

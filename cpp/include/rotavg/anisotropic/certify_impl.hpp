@@ -59,26 +59,27 @@ inline std::vector<Measure> measure_components(const AnisotropicResiduals& resid
   return measures;
 }
 
-/// Operations of a factorisation that take as long as a product of S with one of two columns.
+/// Operations of a factorisation that take as long as one column's share of a product of S with
+/// two.
 inline double cost_of_product(std::size_t num_edges) {
   return 150.0 * static_cast<double>(num_edges);
 }
 
 /// Whether a factorisation is not possible, or would cost much more than a random start.
-inline bool is_random_start_better(const EdgeSplits& splits, Elimination& elimination,
+/// @param num_edges of the component
+inline bool is_random_start_better(std::size_t num_edges, Elimination& elimination,
                                    bool can_factorize, const CertificateOptions& options) {
   constexpr double quick = 1e9, worth_certainty = 3.0, usual_products = 130.0;
   if (!(options.failure_probability > 0.0)) return false;
-  const double by_products =
-      worth_certainty * usual_products * cost_of_product(splits.residuals()().size());
+  const double by_products = worth_certainty * usual_products * cost_of_product(num_edges);
   return !can_factorize ||
          elimination.flops(3, options.max_factorization_flops) > std::max(quick, by_products);
 }
 
-/// CertificateMethod::none where it does not speak for R.
+/// CertificateMethod::none where it does not speak for R, or there is no memory for it.
 inline ComponentBound bound_component_by_random_start(const AnisotropicCertificateMatrix& S,
                                                       Elimination& elimination, bool can_factorize,
-                                                      const CertificateOptions& options) {
+                                                      const CertificateOptions& options) try {
   RandomStartOptions start;
   start.failure_probability = options.failure_probability;
   start.seed = options.seed;
@@ -99,6 +100,8 @@ inline ComponentBound bound_component_by_random_start(const AnisotropicCertifica
     bound.lambda_min = result.quotient;
   }
   return bound;
+} catch (const std::bad_alloc&) {  // its rows take 160 bytes an edge; a factorisation may do
+  return {};
 }
 
 /// What S at some rotations says of one component: with the splits in closed form, and if these do
@@ -115,7 +118,10 @@ inline ComponentBound bound_component(EdgeSplits& splits, const Components& comp
   };
   const auto stopped = [&] { return options.keep_going && !options.keep_going(); };
   const bool can_factorize = is_possible(elimination);
-  if (is_random_start_better(splits, elimination, can_factorize, options)) {
+  const AnisotropicGraph& graph = splits.residuals().graph();
+  std::size_t ends = 0;
+  for (const Index i : components.nodes[component]) ends += graph.row(i).size();
+  if (is_random_start_better(ends / 2, elimination, can_factorize, options)) {
     const ComponentBound bound =
         bound_component_by_random_start(AnisotropicCertificateMatrix(splits, components, component),
                                         elimination, can_factorize, options);

@@ -55,7 +55,7 @@ class AnisotropicGraph {
     weights.reserve(precisions_.size());
     for (Index k = 0; k < num_edges(); ++k) {
       const Vector3 axes = checked_axes(k);
-      unevenness_ += std::sqrt(axes(2) / std::max(axes(0), 1e-12 * axes(2)));
+      unevenness_ += std::min(most_uneven, std::sqrt(axes(2) / std::max(axes(0), 0.0)));
       weights.push_back(precisions_[k].trace() / 6.0);
       Matrix3 M = -precisions_[k];
       add_to_diagonal(M, 3.0 * weights.back());
@@ -77,7 +77,7 @@ class AnisotropicGraph {
   /// (m,) H.
   const std::vector<Matrix3>& precisions() const { return precisions_; }
   /// How far H is from a multiple of I: the root of its largest eigenvalue over its least, the mean
-  /// over the edges; 1 where all axes are known alike.
+  /// over the edges, of which each counts as at most 10; 1 where all axes are known alike.
   double unevenness() const { return unevenness_; }
   const std::vector<FreeAxis>& free_axes() const { return free_axes_; }
   /// The block Rt_lq of a half-edge of node l.
@@ -114,6 +114,7 @@ class AnisotropicGraph {
   std::vector<Matrix3> precisions_;
   std::vector<FreeAxis> free_axes_;
   std::vector<Matrix3> blocks_;  ///< N
+  static constexpr double most_uneven = 10.0;
   double unevenness_ = 0.0;
 };
 

@@ -121,14 +121,16 @@ inline MetricKind metric_kind(const AnisotropicGraph& graph,
   // What a step takes, in operations of a factorisation: for an entry of the factor, for an edge.
   constexpr double per_entry = 40.0, per_block = 160.0, per_edge = 600.0;
   constexpr double max_flops = 1e10;  // as without covariances
-  double scalar = 0.0, blocks = 0.0, entries = 0.0, bytes = 0.0;
+  double scalar = 0.0, blocks = 0.0, entries = 0.0, scalar_bytes = 0.0, bytes = 0.0;
   for (Elimination& elimination : eliminations) {
     scalar += elimination.flops(1, max_flops);
     if (scalar > max_flops) return MetricKind::diagonal;
     blocks += elimination.flops(3, 27.0 * max_flops);
     entries += elimination.nonzeros();
+    scalar_bytes += elimination.factor_bytes(1);
     bytes += elimination.factor_bytes(3);
   }
+  if (!has_memory_for(scalar_bytes)) return MetricKind::diagonal;
   if (blocks > max_flops || !has_memory_for(bytes)) return MetricKind::scalar;
   const double more_steps = (graph.unevenness() - 1.0) * steps;
   scalar += more_steps * per_edge * graph.num_edges();

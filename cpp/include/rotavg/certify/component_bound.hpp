@@ -29,9 +29,8 @@ namespace rotavg {
 /// - and where nothing else is left, a short estimate.
 class ComponentBounds {
  public:
-  /// @param S, q (world_from_i, where S was taken), elimination (of the component, without its
-  /// root)
-  ///        gravity and options must outlive this object
+  /// @param S, q (world_from_i, where S was taken), elimination (without its root), gravity and
+  ///        options must outlive this object
   /// @param resolution how small a gap has to be told from zero
   /// @param noise the objective over the sum of weights
   ComponentBounds(const CertificateMatrix& S, const Quaternions& q, Elimination& elimination,
@@ -61,11 +60,13 @@ class ComponentBounds {
     }
     // On large graphs an order of elimination takes longer than products do, and they may tell that
     // it fills in.
-    if (options_.failure_probability > 0.0 && ends_ > large && !elimination_.has_order()) {
+    bool may_start = options_.failure_probability > 0.0;  // at random
+    if (may_start && ends_ > large && !elimination_.has_order()) {
       RandomStart random_start(S_, q_, random_start_options());
       if (random_start.theta_exceeds(theta_of_separator(worth_certainty * by_products))) {
         const ComponentBound bound = by_random_start(random_start);
         if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
+        may_start = false;  // it would come to the same end
       }
     }
     const double by_factor = elimination_.flops(3, options_.max_factorization_flops);
@@ -79,17 +80,22 @@ class ComponentBounds {
       if (const auto bound = factorized()) return *bound;
       can_factorize = false;
     }
-    ComponentBound bound;
-    if (options_.failure_probability > 0.0) {
-      RandomStart random_start(S_, q_, random_start_options());
-      if (can_factorize) random_start.limit_products(by_factor / cost(1.0));
-      if (!can_factorize || random_start.may_do()) {
-        bound = by_random_start(random_start);
-        if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
-      }
-    }
     if (can_factorize) {
-      if (const auto by_factorization = factorized()) return *by_factorization;
+      if (may_start) {
+        RandomStart random_start(S_, q_, random_start_options());
+        random_start.limit_products(by_factor / cost(1.0));
+        if (random_start.may_do()) {
+          const ComponentBound bound = by_random_start(random_start);
+          if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
+        }
+      }
+      if (const auto bound = factorized()) return *bound;
+    }
+    ComponentBound bound;
+    if (may_start) {
+      RandomStart random_start(S_, q_, random_start_options());
+      bound = by_random_start(random_start);
+      if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
     }
     if (bound.method != CertificateMethod::none) return bound;
     return bound_by_eigenvalue(S_, options_.keep_going, few_iterations);

@@ -57,7 +57,8 @@ struct RandomStartResult {
 ///
 /// there is none, or |b_1| < t, which has probability at most sqrt(2 / pi) t sqrt(N'). Two columns
 /// are independent, and their probabilities multiply; so do those of several rounds. t is fixed
-/// beforehand; tau, the cut and k may depend on b, as whatever they are the event is |b_1| < t.
+/// beforehand, one for each number of rounds, and the probabilities of all these add up to the
+/// stated one; tau, the cut and k may depend on b, as whatever they are the event is |b_1| < t.
 ///
 /// r is what rounding can have done: an error d_j of step j reaches y_k as U_(k-j)(X) d_j, and
 /// U_(k-j)(x) <= T_k(x) e^(-(j-1) eta) / sinh(eta).
@@ -87,18 +88,19 @@ class RandomStartOf {
   bool theta_exceeds(double bound) {
     if (!std::isnan(theta_)) return theta_ > bound;
     const double value = estimate(bound);
-    if (value > bound) theta_ = value;
+    if (value > bound || is_negative(value)) theta_ = value;
     return value > bound;
   }
 
-  /// Whether so many products may do as there are at most: they do not where theta is small, which
-  /// takes few to know.
+  /// Whether as many products may do as there are at most, or the estimate refutes R already. They
+  /// do not where theta is small, which takes few to know; that they may promises nothing.
   bool may_do() {
     if (!(options_.failure_probability > 0.0)) return false;
     // As with_estimate() has it, for one round: 2 acosh(2 / t) / eta products.
     const double eta = 2.0 * std::acosh(2.0 / threshold(1)) / options_.max_products;
     const double x = std::cosh(eta) - 1.0;  // 2 (tau - cut) / (2 - tau)
-    return theta_exceeds(2.0 * x / (2.0 * (1.0 - cut_share) + x) / tau_share);
+    return theta_exceeds(2.0 * x / (2.0 * (1.0 - cut_share) + x) / tau_share) ||
+           is_negative(theta_);
   }
 
   Result operator()() {
@@ -118,11 +120,10 @@ class RandomStartOf {
     Result result;
     if (stopped_) result.outcome = RandomStartOutcome::stopped;
     // The estimate itself is not below the smallest eigenvalue.
-    if (!stopped_ && theta < -2.0 * error(1.0)) result.outcome = RandomStartOutcome::negative;
+    if (!stopped_ && is_negative(theta)) result.outcome = RandomStartOutcome::negative;
     if (result.outcome != RandomStartOutcome::inconclusive) return result;
     const double tau = std::clamp(tau_share * theta, smallest, 1.0), cut = cut_share * tau;
     const double eta = std::acosh(1.0 + 2.0 * (tau - cut) / (2.0 - tau));
-    constexpr int most_rounds = 3;
     for (int rounds = 1; rounds <= most_rounds; ++rounds) {
       const double t = threshold(rounds);
       // |y| stays below one: what rounding will amount to.
@@ -147,12 +148,17 @@ class RandomStartOf {
   static constexpr double smallest = 1e-9;  ///< tau
   // The larger tau, the fewer steps; but |y| grows where it exceeds the smallest eigenvalue.
   static constexpr double tau_share = 0.9, cut_share = 0.125;
+  static constexpr int most_rounds = 3;
 
-  /// t, where so many rounds are to reach the probability together.
+  /// t, where so many rounds are to reach their share of the probability together.
   double threshold(int rounds) const {
-    const double share = std::pow(options_.failure_probability, 0.5 / rounds);
-    return share / (std::sqrt(2.0 / pi_) * std::sqrt(double(operator_.dimension())));
+    const double each = options_.failure_probability / most_rounds;
+    return std::pow(each, 0.5 / rounds) /
+           (std::sqrt(2.0 / pi_) * std::sqrt(double(operator_.dimension())));
   }
+
+  /// Beyond rounding.
+  bool is_negative(double quotient) const { return quotient < -2.0 * error(1.0); }
 
   bool goes_on() {
     stopped_ = stopped_ || (options_.keep_going && !options_.keep_going());
@@ -244,7 +250,7 @@ class RandomStartOf {
     const int c = quotients[1] < quotients[0] ? 1 : 0;
     Result result;
     result.quotient = quotients[c];
-    if (!(result.quotient < -2.0 * error(1.0))) return result;
+    if (!is_negative(result.quotient)) return result;
     result.outcome = RandomStartOutcome::negative;
     result.x.resize(3 * static_cast<Eigen::Index>(operator_.num_nodes()));
     for (Index a = 0; a < operator_.num_nodes(); ++a) {

@@ -205,13 +205,15 @@ class PartialCholesky {
     const bool lower = &A.packed == &B.packed;
     const Index depth = A.packed.depth();
     const double of_column = static_cast<double>(tile_rows) * depth;
-    const double all = of_column * A.packed.num_strips() * B.size;
+    const Index strips = (A.size + tile_rows - 1) / tile_rows;
+    const double all = of_column * strips * B.size;
     // As many as are some 300 KB, if they leave threads something to share.
-    const Index together = std::clamp(A.packed.num_strips() / 12, Index{4}, Index{32});
+    const int threads = threads_for(num_threads_, lower ? 0.5 * all : all);
+    const Index together = threads == 1 ? 32 : std::clamp(strips / (6 * threads), 2, 32);
     for_each_strip(A.size, lower ? 0.5 * all : all, together, [&](Index first) {
       const Index end = std::min(A.size, first + together * tile_rows);
       const Index columns = lower ? end : B.size;
-      if (!interruption.goes_on(columns * of_column * together)) return;
+      if (!interruption.goes_on(static_cast<double>(columns) * (end - first) * depth)) return;
       for (Index left = 0; left < columns; left += tile_rows) {
         for (Index row = lower ? std::max(first, left) : first; row < end; row += tile_rows) {
           const Index rows = std::min(tile_rows, A.size - row);

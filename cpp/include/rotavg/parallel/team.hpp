@@ -89,10 +89,11 @@ class Team {
 
   template <typename Task, typename Idle>
   void share(Index count, int num_threads, const Task& task, const Idle& idle) {
-    const auto before = Clock::now();
-    if (before >= alone_until_) hire(num_threads - 1);
+    const bool alone = Clock::now() < alone_until_;
+    if (!alone) hire(num_threads - 1);
     const AtTask at_task;  // alone or not, what a task calls stays here
-    if (before < alone_until_) return go_alone(count, task);
+    if (alone) return go_alone(count, task);
+    const auto before = Clock::now();
     Job job(&task, call<Task>, count, num_threads - 1);
     state_->post(&job, num_threads - 1);
     const auto posted = Clock::now();
@@ -102,10 +103,12 @@ class Team {
     const auto after = Clock::now();
     const Clock::duration lost = (posted - before) + (after - done) - Clock::duration(job.helped);
     constexpr int least = 2, most = 50;
-    if (lost > Clock::duration::zero()) {
-      alone_until_ = after + distrust_ * lost;
+    constexpr Clock::duration longest = std::chrono::seconds(1), none = Clock::duration::zero();
+    owed_ = std::max(none, owed_ + lost);
+    if (lost > none) {
+      alone_until_ = after + std::min(distrust_ * lost, longest);
       distrust_ = std::min(2 * distrust_, most);
-    } else {
+    } else if (owed_ == none) {
       distrust_ = std::max(distrust_ / 2, least);
     }
     job.rethrow();
@@ -283,7 +286,8 @@ class Team {
   std::unique_ptr<State> state_;
   long process_ = 0;
   Clock::time_point alone_until_{};
-  int distrust_ = 2;  ///< how many times what was lost it goes on alone
+  Clock::duration owed_{};  ///< by helpers: what they lost and have not made good
+  int distrust_ = 2;        ///< how many times what was lost it goes on alone
 };
 
 }  // namespace rotavg

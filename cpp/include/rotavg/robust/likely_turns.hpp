@@ -31,6 +31,10 @@ inline Index take_likely_turns(const MeasurementGraph& graph, const std::vector<
   constexpr double clearly = 1.5;
   constexpr double incredible = -2.0, less = 0.25, thresholds = 2.0;
   const detail::Sides sides = detail::sides_of(graph, precision, x, threshold, R);
+  const auto& ballots = sides.ballots;
+  if (std::all_of(ballots.begin(), ballots.end(), [](const auto& of) { return of.empty(); })) {
+    return 0;
+  }
   const TurnOdds odds(graph, sides.checked, sides.left_out);
   const auto agree = [&](const Matrix3& at, const detail::Ballot& b) {
     const double chord2 = 3.0 - at.cwiseProduct(b.turn).sum();
@@ -60,15 +64,21 @@ inline Index take_likely_turns(const MeasurementGraph& graph, const std::vector<
       return agree(Matrix3::Identity(), b);
     });
     if (turned[p] || trusted || !alone) continue;
-    double most = odds(holder), least = odds.turn(holder);
-    const std::size_t stride = 1 + cast.size() / detail::most_candidates;
+    const double held = odds(holder);
+    double most = held + clearly, least = odds.turn(holder) - less;
+    bool likely = false;
+    const std::size_t stride = detail::stride_of(cast);
     for (std::size_t k = 0; k < cast.size(); k += stride) {
       const double now = together(cast, cast[k]), angle = odds.turn(cast[k].edge);
-      const bool likelier = now > most + clearly;
-      const bool harmless = most < incredible && now >= most - clearly && angle < least - less;
+      const bool likelier = now > most;
+      const bool harmless = !likely && held < incredible && now >= held - clearly && angle < least;
       if (!likelier && !harmless) continue;
-      most = now;
-      least = angle;
+      if (likelier) {
+        most = now;
+        likely = true;
+      } else {
+        least = angle;
+      }
       turn[p] = cast[k].turn;
       turned[p] = true;
     }

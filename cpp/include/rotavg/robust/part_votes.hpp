@@ -27,6 +27,11 @@ struct Ballot {
   Index edge;
 };
 
+/// Every how many of them is tried, so that there are no more than most_candidates.
+inline std::size_t stride_of(const std::vector<Ballot>& cast) {
+  return cast.empty() ? 1 : 1 + (cast.size() - 1) / most_candidates;
+}
+
 /// How much other ballots than the best agree with a turn: as any turn meets one of them exactly,
 /// whatever that one says, one does not count.
 inline double support(const std::vector<Ballot>& ballots, const Matrix3& turn) {
@@ -144,7 +149,7 @@ inline Index take_part_votes(const MeasurementGraph& graph, const std::vector<do
     const std::vector<detail::Ballot>& cast = sides.ballots[p];
     if (turned[p] || cast.size() < 2) continue;
     double most = detail::support(cast, Matrix3::Identity()) + clearly;
-    const std::size_t stride = 1 + (cast.size() - 1) / detail::most_candidates;
+    const std::size_t stride = detail::stride_of(cast);
     for (std::size_t k = 0; k < cast.size(); k += stride) {
       const double support = detail::support(cast, cast[k].turn);
       if (support <= most) continue;
@@ -187,7 +192,7 @@ inline std::vector<Rotations> other_places(const MeasurementGraph& graph,
   std::vector<Rotations> answers;
   for (const Index side : chosen) {
     const std::vector<detail::Ballot>& cast = sides.ballots[side];
-    const std::size_t stride = 1 + (cast.size() - 1) / detail::most_candidates;
+    const std::size_t stride = detail::stride_of(cast);
     Matrix3 turn = cast.front().turn;
     double support = detail::support(cast, turn);
     for (std::size_t k = stride; k < cast.size(); k += stride) {

@@ -127,8 +127,8 @@ inline std::vector<double> rejected_and_coherent(const std::vector<double>& x,
 ///    relative weight and overlap, by what the strongest of the strongest share, by weight and
 ///    overlap, and by what the strongest edges say that the best answer rejects.
 /// 4. What the rejected edges would say, if many of them agree with one another. Of parts that a
-///    single edge holds the best answer takes the likely place (take_likely_turns), in the end and
-///    where 1 is all there is, and the others are answers, too (other_places).
+///    single edge holds the best answer takes the likely place (take_likely_turns), also where 1.
+///    ends the search; other places are further answers (other_places).
 /// 5. All are compared at one scale, the noise of the first, or the smallest if that is coarse. One
 ///    takes the place of the first where relative weights or voices clearly prefer it, of
 ///    several the one that they prefer; what they do not rule out is an alternative.
