@@ -111,10 +111,9 @@ enum class MetricKind {
   diagonal,  ///< DiagonalMetric
 };
 
-/// The one that is predicted to take least. A scalar Laplacian takes 1/27 of the
-/// operations that its blocks of 3 x 3 do, but the more conjugate gradients the less even the
-/// precisions are. (On lattices of 1:2:2.9 and 1:3:10 it took 19 and 32 of them where blocks took
-/// 10, and .10 s where these took .41; python -m benchmarks.anisotropic files.)
+/// The one that is predicted to take least. A scalar Laplacian takes 1/27 of the operations that
+/// its blocks of 3 x 3 do, but the more conjugate gradients the less even the precisions are: on
+/// lattices of 1:2:2.9 and 1:3:10 twice and three times as many.
 inline MetricKind metric_kind(const AnisotropicGraph& graph,
                               std::vector<Elimination>& eliminations) {
   constexpr double steps = 10.0;  // of conjugate gradients, where all axes are known alike

@@ -26,8 +26,7 @@ namespace rotavg {
 inline Index take_likely_turns(const MeasurementGraph& graph, const std::vector<double>& precision,
                                const std::vector<double>& x, double threshold, double tolerance,
                                Rotations& R) {
-  // Of two edges of a camera on Ellis Island, one right and one wrong, the likelier one is then
-  // right nine times of ten.
+  // In logarithms of odds: less would turn what is right about as often as what is wrong.
   constexpr double clearly = 1.5;
   constexpr double incredible = -2.0, less = 0.25, thresholds = 2.0;
   const detail::Sides sides = detail::sides_of(graph, precision, x, threshold, R);
