@@ -40,6 +40,13 @@ SPLITS: dict[str, dict[str, Any]] = {
         "factor": "symmetry_confusability", "values": [0.2, 0.5, 0.75],
         **{**_CLEAN, "families": None, "cases": "symmetric"},
     },
+    "small": {
+        "factor": "n_nodes", "values": [25, 50],
+        **{
+            **_CLEAN, "families": None, "cases": "symmetric", "seeds": 3,
+            "params": {"outlier_ratio": 0.0, "symmetry_confusability": 0.5},
+        },
+    },
     "heavytail": {"factor": "heavy_tail_df", "values": [2.0], **_CLEAN},
     "noise": {"factor": "pixel_noise", "values": [1.0, 16.0], **_WHOLE},
     "density": {"factor": "retrieval_k", "values": [3, 10, 80], **_WHOLE},

@@ -73,7 +73,7 @@ TEST_CASE("quaternions and small products are those of Eigen") {
     REQUIRE((rotavg::unit(a) - a.normalized()).norm() < rounding);
     REQUIRE(rotavg::chordal_distance(R, S) == doctest::Approx((R - S).norm()).epsilon(1e-14));
   }
-  const rotavg::Quaternion zero(rotavg::Vector4(rotavg::Vector4::Zero()));
+  const rotavg::Quaternion zero{rotavg::Vector4::Zero().eval()};
   CHECK(zero.normalized().norm() == 0.0);
 }
 

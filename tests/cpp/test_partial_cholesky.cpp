@@ -69,9 +69,10 @@ struct Expected {
     L = MatrixXd::Zero(A.rows(), pivots);
     const MatrixXd L11 = A.topLeftCorner(pivots, pivots).llt().matrixL();
     L.topRows(pivots) = L11;
-    // L21 = A21 L11^-T
-    L.bottomRows(below) =
-        L11.triangularView<Eigen::Lower>().solve(A.topRightCorner(pivots, below)).transpose();
+    if (pivots > 0) {  // L21 = A21 L11^-T
+      L.bottomRows(below) =
+          L11.triangularView<Eigen::Lower>().solve(A.topRightCorner(pivots, below)).transpose();
+    }
     const MatrixXd product = L.bottomRows(below) * L.bottomRows(below).transpose();
     lower_rest =
         MatrixXd(A.bottomRightCorner(below, below) - product).triangularView<Eigen::Lower>();

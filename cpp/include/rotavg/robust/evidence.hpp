@@ -21,8 +21,8 @@ namespace rotavg {
 /// another makes hundreds of them. So their number says little. What says more is what they weigh,
 /// for how far they turn (relative_weights): what only looks alike matches less than true
 /// neighbours do. And a camera's nearest neighbours, with whom it shares most, are hardly ever
-/// confused. Every camera therefore has eight voices, which its eight strongest edges have, and all
-/// voices count the same. (shared_strongest tells how strong edges are.)
+/// confused. Every camera therefore has some voices, which its strongest edges have (strongest),
+/// and all voices count the same. (shared_strongest tells how strong edges are.)
 class Evidence {
  public:
   /// What two answers explain that the other one does not.
@@ -43,13 +43,25 @@ class Evidence {
     double lead_in_voices() const { return lead(voices, other_voices); }
     /// and by how many all edges do.
     double lead_in_number() const { return lead(edges(), other_edges()); }
+    /// And by how many its edges have the more voices each: of two proportions, of the ends that
+    /// an edge is among the strongest of. Like things make many edges, hardly any with a voice.
+    double lead_in_strength() const {
+      const double ends = 2.0 * edges(), other_ends = 2.0 * other_edges();
+      const double share = (voices + other_voices) / std::max(1.0, ends + other_ends);
+      if (ends == 0.0 || other_ends == 0.0 || share == 0.0 || share == 1.0) return 0.0;
+      return (voices / ends - other_voices / other_ends) /
+             std::sqrt(share * (1.0 - share) * (1.0 / ends + 1.0 / other_ends));
+    }
     /// That of the weights if it is nothing that chance makes, and of the voices if not.
     double lead() const { return std::abs(in_weight) > chance ? in_weight : lead_in_voices(); }
-    /// Whether the first is the better one: the weights, the voices, or these and the number
-    /// together, are nothing that chance makes.
+    /// Whether the first is the better one: the weights or the voices are nothing that chance
+    /// makes, or tend to it, and so does the number of edges, or those of the other have hardly a
+    /// voice.
     bool clear() const {
-      constexpr double tendency = 1.5;
-      return lead() > chance || (lead() > tendency && lead_in_number() > chance);
+      constexpr double tendency = 1.5, hardly = 0.2;
+      const bool voiceless = other_voices * edges() < hardly * voices * other_edges();
+      return lead() > chance || (lead() > tendency && (lead_in_number() > tendency ||
+                                                       (voiceless && lead_in_strength() > chance)));
     }
 
    private:

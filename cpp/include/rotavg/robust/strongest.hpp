@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <utility>
 #include <vector>
@@ -15,23 +16,34 @@
 
 namespace rotavg {
 
-/// How many of its edges a camera trusts more than all others: of some forty, those with its
-/// nearest neighbours.
-constexpr int strongest_of_a_camera = 8;
+/// How many of its edges a camera trusts more than all others, at most: of some forty, those with
+/// its nearest neighbours.
+constexpr int most_strongest = 8;
+
+/// The same in a given graph: a tenth of the cameras, as the nearest of nineteen are not eight, and
+/// a third of the edges that a camera has on average, but three at least, as any one may be wrong.
+inline int num_strongest(const MeasurementGraph& graph, int most = most_strongest) {
+  constexpr double of_cameras = 0.1, of_edges = 1.0 / 3.0;
+  constexpr int least = 3;
+  const double n = std::max(1.0, static_cast<double>(graph.num_nodes()));
+  const double edges = 2.0 * static_cast<double>(graph.num_edges()) / n;
+  const double some = std::ceil(std::min(of_cameras * n, of_edges * edges));
+  return static_cast<int>(std::clamp<double>(some, least, most));
+}
 
 /// For how many of its two ends (m,) an edge is among the strongest: 0, 1 or 2.
 /// @param strength (m,) of the edges
-/// @param count edges of every camera
+/// @param most edges of every camera, in a large graph (num_strongest)
 inline std::vector<double> strongest(const MeasurementGraph& graph,
                                      const std::vector<double>& strength,
-                                     int count = strongest_of_a_camera) {
+                                     int most = most_strongest) {
   std::vector<double> ends(strength.size(), 0.0);
   std::vector<std::pair<double, Index>> row;
+  const std::ptrdiff_t count = num_strongest(graph, most);
   for (Index l = 0; l < graph.num_nodes(); ++l) {
     row.clear();
     for (const HalfEdge& h : graph.row(l)) row.emplace_back(-strength[h.edge()], h.edge());
-    const auto chosen =
-        row.begin() + std::min(std::ptrdiff_t{count}, static_cast<std::ptrdiff_t>(row.size()));
+    const auto chosen = row.begin() + std::min(count, static_cast<std::ptrdiff_t>(row.size()));
     std::partial_sort(row.begin(), chosen, row.end());
     for (auto edge = row.begin(); edge != chosen; ++edge) ends[edge->second] += 1.0;
   }
@@ -47,9 +59,9 @@ inline std::vector<double> strongest(const MeasurementGraph& graph,
 inline std::vector<double> shared_strongest(const MeasurementGraph& graph,
                                             const Neighbourhoods& neighbourhoods,
                                             const std::vector<double>& overlap,
-                                            int count = strongest_of_a_camera) {
+                                            int most = most_strongest) {
   constexpr double others = 1e-6, tie_break = 1e-3;  // of those that share none, and as many
-  std::vector<double> ends = strongest(graph, overlap, count);
+  std::vector<double> ends = strongest(graph, overlap, most);
   for (double& e : ends) e += others;
   std::vector<double> shared = neighbourhoods.overlap(ends);
   for (std::size_t k = 0; k < shared.size(); ++k) shared[k] += tie_break * overlap[k];

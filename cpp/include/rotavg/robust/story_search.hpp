@@ -1,0 +1,223 @@
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/init/maximum_spanning_tree.hpp>
+#include <rotavg/robust/evidence.hpp>
+#include <rotavg/robust/likely_turns.hpp>
+#include <rotavg/robust/part_votes.hpp>
+#include <rotavg/robust/run.hpp>
+#include <rotavg/robust/stories.hpp>
+#include <rotavg/robust/story.hpp>
+#include <rotavg/solve/status.hpp>
+#include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+/// What a portfolio of starts has found.
+struct Portfolio {
+  Story best;
+  bool replaced = false;             ///< by another than the given one
+  std::vector<Story> alternatives;   ///< that differ, and that the evidence does not rule out
+  std::optional<Evidence> evidence;  ///< if any was needed
+  Index tried = 1;                   ///< starts
+  Index different = 1;               ///< different answers to which they led
+  Index turned = 0;                  ///< sides of the best, by take_likely_turns
+};
+
+/// The stories that starts have led to so far, and the best of them by the evidence.
+///
+/// All are compared at one scale, the noise of the first, or the smallest if that is coarse. One
+/// takes the place of the first where the evidence clearly prefers it, of several the one that it
+/// prefers.
+class StorySearch {
+ public:
+  /// Squared residuals in units of the noise from which on an edge contradicts.
+  static constexpr double contradicted = 16.0;
+
+  /// @param run that judges residuals in their own units
+  /// @param loss_noises the scale of the loss in units of the noise
+  /// @param R, noise the first story
+  StorySearch(RobustRun& run, const MeasurementGraph& graph, double loss_noises, Rotations R,
+              double noise)
+      : run_(run), graph_(graph), loss_noises_(loss_noises), noise_(noise), scale_(noise) {
+    stories_.push_back({"least squares and l1", std::move(R), noise, {}});
+    units_of(stories_[0]);
+  }
+
+  StorySearch(const StorySearch&) = delete;
+  StorySearch& operator=(const StorySearch&) = delete;
+
+  const Story& best() const { return stories_[best_]; }
+  /// A chord that noise does not make.
+  double tolerance() const { return step_tolerance(noise_); }
+  /// Noise that may well be that of an answer between two stories.
+  bool is_coarse() const { return noise_ > 0.1; }
+  bool has_time() const { return run_.keep_going()(); }
+
+  /// Whether hardly any edge contradicts the best. Of cameras on a line, each with its eight
+  /// nearest, ten edges cross a place: with one voice of either end. A fold may show at its seam
+  /// alone, however many cameras there are.
+  bool hardly_any_contradicts() const {
+    return weight_against(std::vector<double>(best().x.size(), 1.0)) <=
+           few_of(static_cast<double>(best().x.size()));
+  }
+
+  /// What the stories are compared by from now on.
+  void compare_by(Evidence evidence) {
+    evidence_ = std::move(evidence);
+    all_voices_ = 0.0;
+    for (const double v : evidence_->voices()) all_voices_ += v;
+  }
+  /// Whether more than hardly any voices contradict the best.
+  bool voices_contradict() const {
+    return weight_against(evidence_->voices()) > few_of(all_voices_);
+  }
+
+  /// While the evidence is not clear, or too much of it speaks against the best answer, to which no
+  /// two other starts have led.
+  bool doubtful() const {
+    constexpr double beyond_doubt = 5.0;
+    constexpr int enough_starts = 2;
+    if (!goes_on()) return false;
+    if (agreeing_ < enough_starts && voices_contradict()) return true;
+    for (std::size_t k = 0; k < stories_.size(); ++k) {
+      if (k == best_) continue;
+      if (evidence_->compare(best().x, stories_[k].x).lead() <= beyond_doubt) return true;
+    }
+    return false;
+  }
+  bool goes_on() const { return has_time() && run_.ended() == Status::not_run; }
+
+  /// Polishes a start, and tells whether it has become the best.
+  /// @param ballots (m,) voices of the edges where nodes vote
+  bool attempt(const char* start, Rotations from, const std::vector<double>& ballots) {
+    ++tried_;
+    Story story = polished(run_, graph_, ballots, loss_noises_, start, std::move(from));
+    if (is_coarse() && story.noise < scale_) {
+      if (!closes_cycles(in_units(story.noise, story.rotations), graph_.num_nodes())) return false;
+      scale_ = story.noise;
+      for (Story& other : stories_) units_of(other);
+    }
+    units_of(story);
+    const bool agrees = !differ(story, best());
+    agreeing_ += agrees;
+    // Against the first it has to be clear; others are compared among each other on equal terms.
+    const bool better = evidence_->compare(story.x, stories_[0].x).clear() &&
+                        (best_ == 0 || evidence_->compare(story.x, best().x).lead() > 0.0);
+    if (!better && is_known(story)) return false;
+    if (better) {
+      if (!agrees) agreeing_ = 0;
+      best_ = stories_.size();
+      replaced_ = true;
+    }
+    stories_.push_back(std::move(story));
+    return better;
+  }
+  /// The same along the spanning tree with the largest keys (m,).
+  bool attempt_tree(const char* start, const std::vector<double>& key,
+                    const std::vector<double>& ballots) {
+    return attempt(start, along_spanning_tree(graph_, key), ballots);
+  }
+
+  /// Of parts that a single edge holds the best answer takes the likely place.
+  void turn_sides() {
+    constexpr int most_turns = 3;
+    Story& story = stories_[best_];
+    for (int k = 0; k < most_turns && has_time(); ++k) {
+      const Index turned =
+          take_likely_turns(graph_, run_.precision(), run_.squared_residuals_at(story.rotations),
+                            outlier_noises * scale_, step_tolerance(scale_), story.rotations);
+      if (turned == 0) break;
+      turned_ += turned;
+      units_of(story);
+    }
+  }
+  /// Their other places are further answers.
+  void add_other_places() {
+    constexpr std::size_t most_places = 3;
+    const std::vector<Rotations> elsewhere = other_places(
+        graph_, run_.precision(), run_.squared_residuals_at(best().rotations),
+        outlier_noises * scale_, best().rotations, few_cameras * graph_.num_nodes(), most_places);
+    for (const Rotations& placed : elsewhere) {
+      Story story{"another edge that would hold a part", placed, scale_, {}};
+      units_of(story);
+      if (!is_known(story)) stories_.push_back(std::move(story));
+    }
+  }
+
+  /// What was found; this object is used up.
+  Portfolio result() {
+    Portfolio found;
+    std::swap(stories_[0], stories_[best_]);
+    for (std::size_t k = 1; k < stories_.size(); ++k) {
+      if (!differ(stories_[0], stories_[k])) continue;
+      ++found.different;
+      if (evidence_->rules_out_other(stories_[0].x, stories_[k].x)) continue;
+      found.alternatives.push_back(std::move(stories_[k]));
+    }
+    found.best = std::move(stories_[0]);
+    found.replaced = replaced_;
+    found.evidence = std::move(evidence_);
+    found.tried = tried_;
+    found.turned = turned_;
+    return found;
+  }
+
+ private:
+  static constexpr double outlier_noises = 3.0, few_cameras = 0.02;
+
+  std::vector<double> in_units(double unit, const Rotations& at) {
+    std::vector<double> x = run_.squared_residuals_at(at);
+    for (std::size_t k = 0; k < x.size(); ++k) {
+      x[k] *= precision_of(run_.precision(), k) / (unit * unit);
+    }
+    return x;
+  }
+  void units_of(Story& story) { story.x = in_units(scale_, story.rotations); }
+
+  bool differ(const Story& a, const Story& b) const {
+    const auto group = shared_groups(graph_, a.rotations, b.rotations, tolerance());
+    return std::count(group.begin(), group.end(), 0) <
+           static_cast<std::ptrdiff_t>((1.0 - few_cameras) * static_cast<double>(group.size()));
+  }
+  bool is_known(const Story& story) const {
+    return std::any_of(stories_.begin(), stories_.end(),
+                       [&](const Story& other) { return !differ(story, other); });
+  }
+  /// The weight (m,) of the edges that contradict the best.
+  double weight_against(const std::vector<double>& weight) const {
+    double against = 0.0;
+    for (std::size_t k = 0; k < weight.size(); ++k) {
+      if (best().x[k] > contradicted) against += weight[k];
+    }
+    return against;
+  }
+  static double few_of(double all) {
+    constexpr double seam = 20.0, clear = 0.01;
+    return std::min(seam, clear * all);
+  }
+
+  RobustRun& run_;
+  const MeasurementGraph& graph_;
+  double loss_noises_, noise_, scale_;
+  std::vector<Story> stories_;
+  std::size_t best_ = 0;
+  int agreeing_ = 0;  // other starts that have led to the best
+  std::optional<Evidence> evidence_;
+  double all_voices_ = 0.0;
+  Index tried_ = 1, turned_ = 0;
+  bool replaced_ = false;
+};
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop

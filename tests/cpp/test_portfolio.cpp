@@ -1,0 +1,143 @@
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+#include <doctest/doctest.h>
+
+#include <rotavg/robust/agreeing_turns.hpp>
+#include <rotavg/robust/evidence.hpp>
+#include <rotavg/robust/residuals.hpp>
+#include <rotavg/robust/scale.hpp>
+#include <rotavg/robust/solve_robust.hpp>
+#include <rotavg/robust/strongest.hpp>
+#include <rotavg/solve/solve.hpp>
+
+#include "support/folded_ring.hpp"
+#include "support/graphs.hpp"
+#include "support/random.hpp"
+
+using namespace rotavg;
+using rotavg::test::Random;
+
+namespace {
+
+double largest_error(const Rotations& R, const Rotations& truth) {
+  double largest = 0.0;
+  for (std::size_t i = 0; i < R.size(); ++i) {
+    const Matrix3 gauge = truth[0] * R[0].transpose();
+    largest = std::max(largest, angle_between(gauge * R[i], truth[i]));
+  }
+  return largest;
+}
+
+}  // namespace
+
+TEST_CASE(
+    "of a thing with two like sides, the answer that is not folded is found and both are told") {
+  Random random;
+  INFO(random.replay());
+  const test::Folded ring = test::folded_ring(random, 80, 0.002, 6, 1);
+  SolveOptions options;
+  options.certify = false;
+  const RobustSolution solution = solve_robust(MeasurementGraph(ring.measurements), options);
+  CHECK(largest_error(solution.rotations, ring.truth) < 0.05);
+  for (const Alternative& story : solution.alternatives) {
+    CHECK(story.num_different() > 0);
+    CHECK(story.group.size() == 80);
+    CHECK_FALSE(story.bundles.empty());
+  }
+}
+
+TEST_CASE("a camera trusts eight edges, fewer where cameras or edges are few, and at least three") {
+  Random random;
+  INFO(random.replay());
+  const auto of = [&](Index n, Index further) {
+    return num_strongest(
+        test::simulate_graph(random, test::random_connected(random, n, further), 0.1));
+  };
+  CHECK(of(200, 2200) == 8);  // of some 24 edges of each
+  CHECK(of(45, 900) == 5);    // a tenth of the cameras
+  CHECK(of(19, 100) == 3);    // at least
+  CHECK(of(2, 0) == 3);
+  CHECK(of(200, 1001) == 4);  // a third of the twelve edges that each has on average
+  CHECK(num_strongest(test::simulate_graph(random, test::complete(200), 0.1), 16) == 16);
+}
+
+TEST_CASE("rejected edges agree on the turn of a part, and not where they are wrong at random") {
+  Random random;
+  INFO(random.replay());
+  const double noise = 0.003, tolerance = 0.05;
+  const Index n = 40, moved = 15;
+  const auto pairs = test::random_connected(random, n, 160);
+  auto measurements = test::simulate(random, pairs, noise);
+  const MeasurementGraph right(measurements);
+  SolveOptions options;
+  options.certify = false;
+  const Rotations truth = solve(right, options).rotations;
+  const auto in_units = [&](const MeasurementGraph& graph, const Rotations& R) {
+    std::vector<double> x;
+    squared_residuals(ResidualQuaternions(graph, to_quaternions(R), 1), x);
+    for (double& x_k : x) x_k /= noise * noise;
+    return x;
+  };
+  CHECK(agreeing_turns(right, truth, in_units(right, truth), 16.0, tolerance).empty());
+
+  // A part in the wrong place: every edge to it agrees, whichever way it points.
+  const Matrix3 turn = exp_so3(1.2 * random.normal_vector().normalized());
+  Rotations wrong = truth;
+  std::vector<Index> between;
+  for (Index i = 0; i < moved; ++i) wrong[i] = turn * truth[i];
+  for (Index k = 0; k < right.num_edges(); ++k) {
+    const Edge& e = right.edges()[k];
+    if ((e.i < moved) != (e.j < moved)) between.push_back(k);
+  }
+  CHECK(agreeing_turns(right, wrong, in_units(right, wrong), 16.0, tolerance) == between);
+
+  // A third of the edges drawn at random: that more than two agree is one chance of 1e4.
+  for (std::size_t k = 0; k < measurements.size(); k += 3) {
+    measurements[k].i_from_j = random.rotation();
+  }
+  const MeasurementGraph contaminated(measurements);
+  CHECK(agreeing_turns(contaminated, truth, in_units(contaminated, truth), 16.0, tolerance).size() <
+        3);
+}
+
+TEST_CASE("a ring that nearly as many light edges fold is told apart by the strongest edges") {
+  Random random;
+  INFO(random.replay());
+  for (const Index n : {20, 26, 120}) {
+    const test::Folded ring = test::folded_ring(random, n, 0.004, 3, 2);
+    SolveOptions options;
+    options.certify = false;
+    const RobustSolution solution = solve_robust(MeasurementGraph(ring.measurements), options);
+    CHECK(largest_error(solution.rotations, ring.truth) < 0.05);
+  }
+}
+
+TEST_CASE("few edges with voices outweigh many that hardly any camera trusts") {
+  Random random;
+  INFO(random.replay());
+  const auto graph = test::simulate_graph(random, test::random_connected(random, 90, 1500), 0.1);
+  const std::size_t m = graph.edges().size();
+  // Of the first 100 edges only the first 12, and one other, are among the strongest.
+  std::vector<double> x(m, 1.0), other(m, 1.0), strength(m);
+  for (std::size_t k = 0; k < m; ++k) {
+    strength[k] = k < 12 || k == 50 || k >= 100 ? 2.0 : random.uniform(0.0, 1.0);
+    if (k < 12) other[k] = 100.0;
+    if (k >= 12 && k < 100) x[k] = 100.0;
+  }
+  const auto c = Evidence(graph, strength, {}).compare(x, other);
+  REQUIRE(c.edges() == 12);
+  REQUIRE(c.other_edges() == 88);
+  CHECK(c.lead_in_number() < 0.0);
+  // The statistic of two proportions, p of 24 ends and q of 176.
+  const double p = c.voices / 24.0, q = c.other_voices / 176.0;
+  const double both = (c.voices + c.other_voices) / 200.0;
+  CHECK(c.lead_in_strength() ==
+        doctest::Approx((p - q) / std::sqrt(both * (1.0 - both) * (1.0 / 24.0 + 1.0 / 176.0))));
+  CHECK(c.lead_in_strength() > 3.0);
+  const auto reverse = Evidence(graph, strength, {}).compare(other, x);
+  CHECK(reverse.lead_in_strength() == doctest::Approx(-c.lead_in_strength()));
+  CHECK_FALSE(reverse.clear());
+}
