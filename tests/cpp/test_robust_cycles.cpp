@@ -12,6 +12,7 @@
 #include <rotavg/graph/parts.hpp>
 #include <rotavg/graph/series.hpp>
 #include <rotavg/robust/residuals.hpp>
+#include <rotavg/robust/scale.hpp>
 #include <rotavg/robust/solve_robust.hpp>
 
 #include "support/graphs.hpp"

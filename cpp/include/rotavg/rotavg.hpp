@@ -83,6 +83,7 @@
 #include <rotavg/robust/cycles.hpp>
 #include <rotavg/robust/default_scale.hpp>
 #include <rotavg/robust/edge_knowledge.hpp>
+#include <rotavg/robust/edge_verdicts.hpp>
 #include <rotavg/robust/gnc.hpp>
 #include <rotavg/robust/inner.hpp>
 #include <rotavg/robust/irls.hpp>
@@ -92,7 +93,6 @@
 #include <rotavg/robust/robust_priors.hpp>
 #include <rotavg/robust/run.hpp>
 #include <rotavg/robust/scale.hpp>
-#include <rotavg/robust/verdicts.hpp>
 #include <rotavg/robust/votes.hpp>
 #include <rotavg/so3/lanes.hpp>
 #include <rotavg/so3/loso.hpp>

@@ -59,7 +59,7 @@ class AnisotropicGraph {
       weights.push_back(precisions_[k].trace() / 6.0);
       Matrix3 M = -precisions_[k];
       add_to_diagonal(M, 3.0 * weights.back());
-      blocks_.push_back(scalar_.edges()[k].i_from_j() * M);
+      blocks_.push_back(product(scalar_.edges()[k].i_from_j(), M));
     }
     scalar_.set_weights(weights);
     unevenness_ /= std::max<double>(num_edges(), 1.0);
@@ -83,7 +83,7 @@ class AnisotropicGraph {
   /// The block Rt_lq of a half-edge of node l.
   Matrix3 block(const HalfEdge& h) const {
     const Matrix3& N = blocks_[h.edge()];
-    return h.is_i() ? N : Matrix3(N.transpose());
+    return h.is_i() ? N : transposed(N);
   }
 
  private:
@@ -92,10 +92,14 @@ class AnisotropicGraph {
   Vector3 checked_axes(Index k) {
     constexpr double slight = 1e-9;
     Matrix3& H = precisions_[k];
-    if (!H.allFinite()) throw InvalidEdge(k, "the precision holds a NaN or an infinity");
-    const double size = H.cwiseAbs().maxCoeff();
+    if (!is_finite(H)) throw InvalidEdge(k, "the precision holds a NaN or an infinity");
     const Matrix3 symmetric = symmetric_part(H);
-    if ((H - symmetric).cwiseAbs().maxCoeff() > slight * size) {
+    double size = 0.0, skew = 0.0;  // the largest entries
+    for (int a = 0; a < 9; ++a) {
+      size = std::max(size, std::abs(H(a)));
+      skew = std::max(skew, std::abs(H(a) - symmetric(a)));
+    }
+    if (skew > slight * size) {
       throw InvalidEdge(k, "the precision is not symmetric");
     }
     const Vector3 axes = symmetric_eigen(symmetric).values;

@@ -45,11 +45,11 @@ inline SymmetricEigen symmetric_eigen(Matrix3 A) {
       }
     }
   }
-  SymmetricEigen result{A.diagonal(), V};
+  SymmetricEigen result{Vector3(A(0, 0), A(1, 1), A(2, 2)), V};
   for (const auto& [a, b] : {std::pair(0, 1), std::pair(1, 2), std::pair(0, 1)}) {
     if (!(result.values(b) < result.values(a))) continue;
     std::swap(result.values(a), result.values(b));
-    result.vectors.col(a).swap(result.vectors.col(b));
+    for (int k = 0; k < 3; ++k) std::swap(result.vectors(k, a), result.vectors(k, b));
   }
   return result;
 }

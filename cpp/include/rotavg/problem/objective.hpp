@@ -5,6 +5,7 @@
 
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/reduce.hpp>
+#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -14,7 +15,7 @@ namespace rotavg {
 
 /// What an edge leaves over: R_i R_ij - R_j.
 inline Matrix3 residual(const Edge& e, const Rotations& R) {
-  return R[e.i] * e.i_from_j() - R[e.j];
+  return product(R[e.i], e.i_from_j()) - R[e.j];
 }
 
 /// The objective (3): f(R) = sum_E w_ij |R_i R_ij - R_j|_F^2, summed edge by edge, so that a

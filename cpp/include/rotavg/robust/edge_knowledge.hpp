@@ -8,7 +8,7 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
-#include <rotavg/robust/residuals.hpp>
+#include <rotavg/robust/loss.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/robust/comparison.hpp>
 #include <rotavg/robust/strongest.hpp>
 #include <rotavg/types.hpp>
 
@@ -25,54 +26,6 @@ namespace rotavg {
 /// and all voices count the same. (shared_strongest tells how strong edges are.)
 class Evidence {
  public:
-  /// What two answers explain that the other one does not.
-  class Comparison {
-   public:
-    std::vector<Index> only_first, only_other;  ///< edges
-    double voices = 0.0, other_voices = 0.0;    ///< theirs
-
-    Index edges() const { return static_cast<Index>(only_first.size()); }
-    Index other_edges() const { return static_cast<Index>(only_other.size()); }
-
-    double in_weight = 0.0;  ///< lead_in_weight()
-
-    /// By how many standard deviations of chance the weights prefer the first: those of the edges
-    /// that only it explains are greater (relative_weights, in logarithms),
-    double lead_in_weight() const { return in_weight; }
-    /// by how many the voices do,
-    double lead_in_voices() const { return lead(voices, other_voices); }
-    /// and by how many all edges do.
-    double lead_in_number() const { return lead(edges(), other_edges()); }
-    /// And by how many its edges have the more voices each: of two proportions, of the ends that
-    /// an edge is among the strongest of. Like things make many edges, hardly any with a voice.
-    double lead_in_strength() const {
-      const double ends = 2.0 * edges(), other_ends = 2.0 * other_edges();
-      const double share = (voices + other_voices) / std::max(1.0, ends + other_ends);
-      if (ends == 0.0 || other_ends == 0.0 || share == 0.0 || share == 1.0) return 0.0;
-      return (voices / ends - other_voices / other_ends) /
-             std::sqrt(share * (1.0 - share) * (1.0 / ends + 1.0 / other_ends));
-    }
-    /// That of the weights if it is nothing that chance makes, and of the voices if not.
-    double lead() const { return std::abs(in_weight) > chance ? in_weight : lead_in_voices(); }
-    /// Whether the first is the better one: the weights or the voices are nothing that chance
-    /// makes, or tend to it, and so does the number of edges, or those of the other have hardly a
-    /// voice.
-    bool clear() const {
-      constexpr double tendency = 1.5, hardly = 0.2;
-      const bool voiceless = other_voices * edges() < hardly * voices * other_edges();
-      return lead() > chance || (lead() > tendency && (lead_in_number() > tendency ||
-                                                       (voiceless && lead_in_strength() > chance)));
-    }
-
-   private:
-    /// One of a thousand for a comparison, so about one of a hundred for the dozen of starts that
-    /// are compared.
-    static constexpr double chance = 3.0;
-    static double lead(double a, double b) {
-      return a + b > 0.0 ? (a - b) / std::sqrt(a + b) : 0.0;
-    }
-  };
-
   /// @param graph must outlive this object
   /// @param strength (m,) of the edges
   /// @param relative (m,) relative_weights; empty where all weights are the same

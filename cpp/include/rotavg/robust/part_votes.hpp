@@ -6,9 +6,9 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/graph/parts.hpp>
 #include <rotavg/graph/series.hpp>
 #include <rotavg/robust/loss.hpp>
-#include <rotavg/robust/verdicts.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push

@@ -18,32 +18,6 @@
 
 namespace rotavg {
 
-/// The share of every weight that no robust loss takes away, at most: an edge that it distrusts
-/// altogether keeps this much, so that a graph stays connected and the weighted problem well posed.
-constexpr double least_weight_share = 1e-6;
-
-/// The same of one edge. Where the scale of the loss is small, all outliers together would pull
-/// with this share harder than the loss lets them; so it goes down with the square of the scale.
-EIGEN_STRONG_INLINE double least_share(const RobustLoss& loss, double precision) {
-  constexpr double part = 0.01, least = 1e-9;
-  const double share =
-      std::max(least, std::min(least_weight_share, part * loss.scale * loss.scale));
-  return share / std::max(1.0, precision);
-}
-
-/// What a loss leaves of the weight of an edge with the squared residual x: (1 - s) d rho / d x +
-/// s, with s its least share.
-EIGEN_STRONG_INLINE double weight_share(const RobustLoss& loss, double x, double precision) {
-  const double s = least_share(loss, precision);
-  return (1.0 - s) * loss.weight(x, precision) + s;
-}
-
-/// What the squared residual costs: (1 - s) rho + s x.
-inline double robust_cost(const RobustLoss& loss, double x, double precision) {
-  const double s = least_share(loss, precision);
-  return (1.0 - s) * loss.rho(x, precision) + s * x;
-}
-
 /// The squared chords r^2 = 4 sin^2(angle / 2) of the residual angles (m,), 0 to 4, whatever the
 /// weights.
 inline void squared_residuals(const ResidualQuaternions& residuals, std::vector<double>& x) {

@@ -5,9 +5,9 @@
 
 #include <rotavg/compiled.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/robust/alternative.hpp>
 #include <rotavg/robust/edge_knowledge.hpp>
 #include <rotavg/robust/loss.hpp>
-#include <rotavg/robust/stories.hpp>
 #include <rotavg/robust/verdicts.hpp>
 #include <rotavg/solve/solution.hpp>
 #include <rotavg/types.hpp>

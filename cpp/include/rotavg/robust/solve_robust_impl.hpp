@@ -19,13 +19,13 @@
 #include <rotavg/robust/cycles.hpp>
 #include <rotavg/robust/default_scale.hpp>
 #include <rotavg/robust/edge_knowledge.hpp>
+#include <rotavg/robust/edge_verdicts.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/portfolio.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/run.hpp>
 #include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/robust/stories.hpp>
-#include <rotavg/robust/verdicts.hpp>
 #include <rotavg/solve/solve.hpp>
 #include <rotavg/solve/stopwatch.hpp>
 
