@@ -11,6 +11,7 @@
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/reduction/priors.hpp>
 #include <rotavg/reduction/rig_layout.hpp>
+#include <rotavg/robust/edge_knowledge.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/verdicts.hpp>
 #include <rotavg/solve/solve.hpp>
