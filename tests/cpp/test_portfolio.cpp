@@ -49,19 +49,25 @@ TEST_CASE(
   }
 }
 
-TEST_CASE("a camera trusts eight edges, fewer where cameras or edges are few, and at least three") {
+TEST_CASE("a camera trusts eight edges, fewer where cameras or edges are few, and at least four") {
+  CHECK(num_strongest(200, 2399) == 8);  // a third of some 24 edges of each
+  CHECK(num_strongest(45, 944) == 5);    // a tenth of the cameras
+  CHECK(num_strongest(200, 1500) == 5);  // a third of fifteen
+  CHECK(num_strongest(19, 118) == 4);    // at least
+  CHECK(num_strongest(2, 1) == 4);
+  CHECK(num_strongest(0, 0) == 4);
+  CHECK(num_strongest(200, 19900, 16) == 16);
+  CHECK(num_strongest(200, 19900, 2) == 2);
+  // Each component by itself: of two, the one with 90 cameras has eight for each.
   Random random;
   INFO(random.replay());
-  const auto of = [&](Index n, Index further) {
-    return num_strongest(
-        test::simulate_graph(random, test::random_connected(random, n, further), 0.1));
-  };
-  CHECK(of(200, 2200) == 8);  // of some 24 edges of each
-  CHECK(of(45, 900) == 5);    // a tenth of the cameras
-  CHECK(of(19, 100) == 3);    // at least
-  CHECK(of(2, 0) == 3);
-  CHECK(of(200, 1001) == 4);  // a third of the twelve edges that each has on average
-  CHECK(num_strongest(test::simulate_graph(random, test::complete(200), 0.1), 16) == 16);
+  test::Pairs pairs = test::random_connected(random, 90, 1500);
+  for (const auto& [i, j] : test::complete(20)) pairs.emplace_back(i + 90, j + 90);
+  const auto graph = test::simulate_graph(random, pairs, 0.1);
+  const auto ends = strongest(graph, std::vector<double>(pairs.size(), 1.0));
+  double sum = 0.0;
+  for (const double e : ends) sum += e;
+  CHECK(sum == 90 * 8 + 20 * 4);
 }
 
 TEST_CASE("rejected edges agree on the turn of a part, and not where they are wrong at random") {
@@ -94,13 +100,13 @@ TEST_CASE("rejected edges agree on the turn of a part, and not where they are wr
   }
   CHECK(agreeing_turns(right, wrong, in_units(right, wrong), 16.0, tolerance) == between);
 
-  // A third of the edges drawn at random: that more than two agree is one chance of 1e4.
+  // A third of the edges drawn at random: chance makes as large a group in one case of a thousand.
   for (std::size_t k = 0; k < measurements.size(); k += 3) {
     measurements[k].i_from_j = random.rotation();
   }
   const MeasurementGraph contaminated(measurements);
-  CHECK(agreeing_turns(contaminated, truth, in_units(contaminated, truth), 16.0, tolerance).size() <
-        3);
+  CHECK(
+      agreeing_turns(contaminated, truth, in_units(contaminated, truth), 16.0, tolerance).empty());
 }
 
 TEST_CASE("a ring that nearly as many light edges fold is told apart by the strongest edges") {
@@ -140,4 +146,55 @@ TEST_CASE("few edges with voices outweigh many that hardly any camera trusts") {
   const auto reverse = Evidence(graph, strength, {}).compare(other, x);
   CHECK(reverse.lead_in_strength() == doctest::Approx(-c.lead_in_strength()));
   CHECK_FALSE(reverse.clear());
+}
+
+TEST_CASE("how many random turns agree by chance is that of rotations drawn at random") {
+  Random random;
+  INFO(random.replay());
+  constexpr std::size_t turns = 200;
+  constexpr double tolerance = 0.3;
+  const std::size_t most = detail::agreeing_by_chance(turns, tolerance);
+  REQUIRE(most > 3);
+  REQUIRE(most < 10);
+  CHECK(detail::agreeing_by_chance(turns, 0.01) < 3);
+  CHECK(detail::agreeing_by_chance(0, tolerance) == 1);
+  int beyond = 0;
+  for (int run = 0; run < 50; ++run) {
+    std::vector<Matrix3> R(turns);
+    for (Matrix3& R_k : R) R_k = random.rotation();
+    std::size_t largest = 0;
+    for (const Matrix3& a : R) {
+      std::size_t group = 0;
+      for (const Matrix3& b : R) {
+        // |A - B|^2 / 2 is the square of the chord.
+        const double chord2 = std::min((a - b).squaredNorm(), (a.transpose() - b).squaredNorm());
+        group += chord2 <= 2.0 * tolerance * tolerance;
+      }
+      largest = std::max(largest, group);
+    }
+    beyond += largest > most;
+  }
+  CHECK(beyond <= 3);  // of 50, where .05 are expected
+}
+
+TEST_CASE("a few heavy wrong edges that agree on a turn take no place from a right answer") {
+  Random random;
+  INFO(random.replay());
+  // A grid of 6 x 6, and four edges that would have one side of a cut turned, ten times as heavy.
+  test::Pairs pairs = test::grid(6, 6);
+  auto measurements = test::simulate(random, pairs, 0.005);
+  SolveOptions options;
+  options.certify = false;
+  const Rotations truth = solve(MeasurementGraph(measurements), options).rotations;
+  const Matrix3 turn = exp_so3(1.3 * random.normal_vector().normalized());
+  for (Index k = 0; k < 4; ++k) {
+    RelativeRotation m;
+    m.i = k;
+    m.j = 35 - k;
+    m.i_from_j = truth[k].transpose() * turn * truth[35 - k];
+    m.weight = 10.0;
+    measurements.push_back(m);
+  }
+  const RobustSolution solution = solve_robust(MeasurementGraph(measurements), options);
+  CHECK(largest_error(solution.rotations, truth) < 0.1);
 }

@@ -26,8 +26,8 @@ class Comparison {
   double lead_in_voices() const { return lead(voices, other_voices); }
   /// and by how many all edges do.
   double lead_in_number() const { return lead(edges(), other_edges()); }
-  /// And by how many its edges have the more voices each: of two proportions, of the ends that
-  /// an edge is among the strongest of. Like things make many edges, hardly any with a voice.
+  /// And by how many the share of its edges' ends that have a voice is the greater: z of two
+  /// proportions. Like things make many edges, hardly any with a voice.
   double lead_in_strength() const {
     const double ends = 2.0 * edges(), other_ends = 2.0 * other_edges();
     const double share = (voices + other_voices) / std::max(1.0, ends + other_ends);
@@ -37,11 +37,13 @@ class Comparison {
   }
   /// That of the weights if it is nothing that chance makes, and of the voices if not.
   double lead() const { return std::abs(in_weight) > chance ? in_weight : lead_in_voices(); }
-  /// Whether the first is the better one: the weights or the voices are nothing that chance
-  /// makes, or tend to it, and so does the number of edges, or those of the other have hardly a
-  /// voice.
+  /// Whether the first is the better one. Its lead is nothing that chance makes; or it tends to
+  /// that, and either the number of edges does, too, or the edges of the other have hardly a voice.
+  /// But against the voices a few edges do not win by what they weigh.
   bool clear() const {
     constexpr double tendency = 1.5, hardly = 0.2;
+    constexpr Index few = 20;
+    if (std::min(edges(), other_edges()) < few && lead_in_voices() < -tendency) return false;
     const bool voiceless = other_voices * edges() < hardly * voices * other_edges();
     return lead() > chance || (lead() > tendency && (lead_in_number() > tendency ||
                                                      (voiceless && lead_in_strength() > chance)));

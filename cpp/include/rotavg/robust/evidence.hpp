@@ -107,7 +107,8 @@ class Evidence {
 
  private:
   /// By how many of its standard deviations the mean of the logarithms of the first's weights is
-  /// the greater (Welch's t). It tells nothing where one answer explains hardly any edges, as a few
+  /// the greater: Welch's t, and of a few edges the deviations of a normal distribution that are as
+  /// rare (Wallace 1959). It tells nothing where one answer explains hardly any edges, as a few
   /// that are wrong by chance may be as heavy as they like, and those that join parts are light:
   ///
   /// - fewer than one in a hundred. A story moves two cameras in a hundred, to which at least one
@@ -135,7 +136,14 @@ class Evidence {
     const auto [mean, variance] = moments(first);
     const auto [other_mean, other_variance] = moments(other);
     const double least = least_deviation * least_deviation / static_cast<double>(less);
-    return (mean - other_mean) / std::sqrt(std::max(least, variance + other_variance));
+    const double t = (mean - other_mean) / std::sqrt(std::max(least, variance + other_variance));
+    const double v1 = std::max(least, variance), v2 = std::max(least, other_variance);
+    const double freedom = (v1 + v2) * (v1 + v2) /
+                           (v1 * v1 / static_cast<double>(first.size() - 1) +
+                            v2 * v2 / static_cast<double>(other.size() - 1));
+    const double z = (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0) *
+                     std::sqrt(freedom * std::log1p(t * t / freedom));
+    return std::copysign(z, t);
   }
 
   const MeasurementGraph* graph_;

@@ -79,7 +79,6 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
                               Rotations R, double noise) {
   using namespace detail;
   constexpr int most_rounds = 4, depth = 3, wider = 2 * most_strongest;
-  constexpr std::size_t agreeing_by_no_chance = 3;
   StorySearch search(run, graph, loss_noises, std::move(R), noise);
   const auto as_it_is = [&] {
     search.turn_sides();
@@ -88,9 +87,11 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
 
   // 1.
   if (!search.has_time()) return as_it_is();
-  const std::vector<Index> turn = agreeing_turns(graph, search.best().rotations, search.best().x,
-                                                 StorySearch::contradicted, search.tolerance());
-  const bool one_story = !search.is_coarse() && turn.size() < agreeing_by_no_chance;
+  const auto agreeing = [&] {
+    return agreeing_turns(graph, search.best().rotations, search.best().x,
+                          StorySearch::contradicted, search.tolerance());
+  };
+  const bool one_story = !search.is_coarse() && agreeing().empty();
   if (one_story && search.hardly_any_contradicts()) return as_it_is();
   const Neighbourhoods neighbourhoods(graph, run.keep_going());
   const bool uneven = graph.max_weight() > graph.min_weight();
@@ -138,9 +139,9 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
     search.attempt_tree("the tree by weight", run.given(),
                         ballots_of(strongest(graph, run.given())));
   }
-  const auto first = [](std::vector<double> key, const std::vector<Index>& edges) {
-    constexpr double any = 1e3;
-    for (const Index k : edges) key[k] += any;
+  // Strengths are 1 at most.
+  const auto with_first = [](std::vector<double> key, const std::vector<Index>& edges) {
+    for (const Index k : edges) key[k] += 1.0;
     return key;
   };
   bool better = true;
@@ -152,7 +153,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
       if (contradicts && evidence.voices()[e] > 0.0) rejected.push_back(e);
     }
     better = search.attempt_tree("the tree of strong edges that were rejected",
-                                 first(strength, rejected), ballots);
+                                 with_first(strength, rejected), ballots);
   }
 
   // 4.
@@ -160,8 +161,9 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   if (!rejected.empty() && search.goes_on()) {
     search.attempt_tree("the tree of the rejected edges", rejected, ballots);
   }
-  if (turn.size() >= agreeing_by_no_chance && search.goes_on()) {
-    search.attempt_tree("the tree of rejected edges that agree", first(strength, turn), ballots);
+  const std::vector<Index> turn = agreeing();
+  if (!turn.empty() && search.goes_on()) {
+    search.add_tree("the tree of rejected edges that agree", with_first(strength, turn), ballots);
   }
   search.turn_sides();
   search.add_other_places();

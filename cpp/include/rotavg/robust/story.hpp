@@ -23,20 +23,20 @@ struct Story {
   std::vector<double> x;  ///< squared residuals (m,) in units of the noise, the same for all
 };
 
-/// A start along a tree, polished: a few reweightings, at first with so wide a scale that its edges
-/// do not stay met exactly, which would pass for little noise; votes of the nodes, in which their
+/// A start, polished: a few reweightings, at first with so wide a scale that the edges of a tree do
+/// not stay met exactly, which would pass for little noise; votes of the nodes, in which their
 /// strongest edges count, and of the sides of cuts.
 ///
+/// @param noise to begin with, radians
 /// @param voices (m,) of the edges where nodes vote
 /// @param loss_noises the scale of the loss in units of the noise
 inline Story polished(RobustRun& run, const MeasurementGraph& graph,
-                      const std::vector<double>& voices, double loss_noises, std::string start,
-                      Rotations R) {
+                      const std::vector<double>& voices, double loss_noises, double noise,
+                      std::string start, Rotations R) {
   constexpr double most_noise = 0.5, outlier_noises = 3.0, wide_noises = 3.0;
   constexpr double brief_gain = 1e-3, gain = 1e-4;
   constexpr int brief_limit = 8, limit = 20, most_rounds = 3;
   const auto noise_now = [&] { return std::min(most_noise, run.noise_at(R)); };
-  double noise = std::min(most_noise, run.noise_off_tree_at(R));
   R = run.reweighted(R, {Loss::cauchy, wide_noises * noise}, brief_gain, brief_limit).rotations;
   noise = noise_now();
   take_votes(graph, voices, run.precision(), {Loss::geman_mcclure, outlier_noises * noise}, R,

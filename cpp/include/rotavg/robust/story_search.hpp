@@ -97,35 +97,22 @@ class StorySearch {
   }
   bool goes_on() const { return has_time() && run_.ended() == Status::not_run; }
 
-  /// Polishes a start, and tells whether it has become the best.
+  /// Polishes a start, and tells whether it has become the best. After compare_by().
   /// @param ballots (m,) voices of the edges where nodes vote
   bool attempt(const char* start, Rotations from, const std::vector<double>& ballots) {
-    ++tried_;
-    Story story = polished(run_, graph_, ballots, loss_noises_, start, std::move(from));
-    if (is_coarse() && story.noise < scale_) {
-      if (!closes_cycles(in_units(story.noise, story.rotations), graph_.num_nodes())) return false;
-      scale_ = story.noise;
-      for (Story& other : stories_) units_of(other);
-    }
-    units_of(story);
-    const bool agrees = !differ(story, best());
-    agreeing_ += agrees;
-    // Against the first it has to be clear; others are compared among each other on equal terms.
-    const bool better = evidence_->compare(story.x, stories_[0].x).clear() &&
-                        (best_ == 0 || evidence_->compare(story.x, best().x).lead() > 0.0);
-    if (!better && is_known(story)) return false;
-    if (better) {
-      if (!agrees) agreeing_ = 0;
-      best_ = stories_.size();
-      replaced_ = true;
-    }
-    stories_.push_back(std::move(story));
-    return better;
+    const double noise = run_.noise_at(from);
+    return attempt(start, std::move(from), ballots, noise, true);
   }
   /// The same along the spanning tree with the largest keys (m,).
   bool attempt_tree(const char* start, const std::vector<double>& key,
                     const std::vector<double>& ballots) {
-    return attempt(start, along_spanning_tree(graph_, key), ballots);
+    return attempt_tree(start, key, ballots, true);
+  }
+  /// The same, but it can only be one more answer: no evidence speaks for its edges but that of
+  /// themselves.
+  void add_tree(const char* start, const std::vector<double>& key,
+                const std::vector<double>& ballots) {
+    attempt_tree(start, key, ballots, false);
   }
 
   /// Of parts that a single edge holds the best answer takes the likely place.
@@ -174,6 +161,43 @@ class StorySearch {
 
  private:
   static constexpr double outlier_noises = 3.0, few_cameras = 0.02;
+
+  bool attempt(const char* start, Rotations from, const std::vector<double>& ballots, double noise,
+               bool may_be_best) {
+    constexpr double most_noise = 0.5;
+    ++tried_;
+    Story story = polished(run_, graph_, ballots, loss_noises_, std::min(most_noise, noise), start,
+                           std::move(from));
+    if (is_coarse() && story.noise < scale_) {
+      if (!closes_cycles(in_units(story.noise, story.rotations), graph_.num_nodes())) return false;
+      scale_ = story.noise;
+      for (Story& other : stories_) units_of(other);
+    }
+    units_of(story);
+    const bool agrees = !differ(story, best());
+    agreeing_ += agrees;
+    // Against the first it has to be clear; others are compared among each other on equal terms.
+    const bool better = may_be_best && closes_cycles(story.x, graph_.num_nodes()) &&
+                        evidence_->compare(story.x, stories_[0].x).clear() &&
+                        (best_ == 0 || evidence_->compare(story.x, best().x).lead() > 0.0);
+    if (!better && is_known(story)) return false;
+    if (better) {
+      if (!agrees) agreeing_ = 0;
+      best_ = stories_.size();
+      replaced_ = true;
+    }
+    stories_.push_back(std::move(story));
+    return better;
+  }
+  bool attempt_tree(const char* start, const std::vector<double>& key,
+                    const std::vector<double>& ballots, bool may_be_best) {
+    constexpr double noises = 3.0;
+    Rotations from = along_spanning_tree(graph_, key);
+    // Where edges are of very different precision, paths leave over more than noise off the tree.
+    const double noise =
+        std::max(run_.noise_at(from), std::min(run_.noise_off_tree_at(from), noises * noise_));
+    return attempt(start, std::move(from), ballots, noise, may_be_best);
+  }
 
   std::vector<double> in_units(double unit, const Rotations& at) {
     std::vector<double> x = run_.squared_residuals_at(at);

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include <rotavg/graph/components.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/graph/parts.hpp>
 #include <rotavg/robust/neighbourhoods.hpp>
@@ -20,29 +21,34 @@ namespace rotavg {
 /// its nearest neighbours.
 constexpr int most_strongest = 8;
 
-/// The same in a given graph: a tenth of the cameras, as the nearest of nineteen are not eight, and
-/// a third of the edges that a camera has on average, but three at least, as any one may be wrong.
-inline int num_strongest(const MeasurementGraph& graph, int most = most_strongest) {
+/// The same among so many cameras and edges: a tenth of the cameras, as the nearest of nineteen are
+/// not eight, and a third of the edges that each has on average, but four at least, as any one
+/// may be wrong.
+inline int num_strongest(Index cameras, Index edges, int most = most_strongest) {
   constexpr double of_cameras = 0.1, of_edges = 1.0 / 3.0;
-  constexpr int least = 3;
-  const double n = std::max(1.0, static_cast<double>(graph.num_nodes()));
-  const double edges = 2.0 * static_cast<double>(graph.num_edges()) / n;
-  const double some = std::ceil(std::min(of_cameras * n, of_edges * edges));
-  return static_cast<int>(std::clamp<double>(some, least, most));
+  constexpr int least = 4;
+  const double n = std::max<double>(cameras, 1.0);
+  const double some = std::ceil(std::min(of_cameras * n, of_edges * 2.0 * edges / n));
+  return static_cast<int>(std::min<double>(most, std::max<double>(least, some)));
 }
 
 /// For how many of its two ends (m,) an edge is among the strongest: 0, 1 or 2.
 /// @param strength (m,) of the edges
-/// @param most edges of every camera, in a large graph (num_strongest)
+/// @param most edges of every camera, in a large component (num_strongest)
 inline std::vector<double> strongest(const MeasurementGraph& graph,
                                      const std::vector<double>& strength,
                                      int most = most_strongest) {
+  const Components components = connected_components(graph);
+  std::vector<Index> cameras(components.size(), 0), edges(components.size(), 0);
+  for (const Index c : components.label) ++cameras[c];
+  for (const Edge& e : graph.edges()) ++edges[components.label[e.i]];
   std::vector<double> ends(strength.size(), 0.0);
   std::vector<std::pair<double, Index>> row;
-  const std::ptrdiff_t count = num_strongest(graph, most);
   for (Index l = 0; l < graph.num_nodes(); ++l) {
     row.clear();
     for (const HalfEdge& h : graph.row(l)) row.emplace_back(-strength[h.edge()], h.edge());
+    const Index c = components.label[l];
+    const std::ptrdiff_t count = num_strongest(cameras[c], edges[c], most);
     const auto chosen = row.begin() + std::min(count, static_cast<std::ptrdiff_t>(row.size()));
     std::partial_sort(row.begin(), chosen, row.end());
     for (auto edge = row.begin(); edge != chosen; ++edge) ends[edge->second] += 1.0;
