@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -89,6 +90,25 @@ def is_number(field: bytes) -> bool:
     except ValueError:
         return False
     return b"_" not in field
+
+
+def integer(field: str | bytes) -> int:
+    """An integer as everyone spells it (Python alone takes 1_000, and digits of all scripts).
+
+    ValueError for anything else.
+    """
+    text = field.decode() if isinstance(field, bytes) else field
+    if not text.isascii() or "_" in text:
+        raise ValueError(text)
+    return int(text)
+
+
+def comma_fields(path: Path, line: int, text: str) -> list[str]:
+    """The fields of a line of CSV, without blanks around them."""
+    try:
+        return [field.strip() for field in next(csv.reader([text]), [])]
+    except csv.Error as error:
+        raise FormatError(f"found no CSV: {error}", path=path, line=line) from None
 
 
 def shown(field: bytes) -> str:
