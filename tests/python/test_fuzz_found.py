@@ -11,6 +11,7 @@ import pytest
 import rotavg
 from rotavg.io.edges import read_edge_list
 from rotavg.io.node_list import read_node_list
+from rotavg.io.positions import positions
 from tests.fuzz.beside import BESIDE, good_files_beside
 
 NAMES = [
@@ -112,3 +113,40 @@ def test_nodes_are_ids(tmp_path: Path) -> None:
     path.write_text(f"3\n{2**64}\n")
     with pytest.raises(rotavg.FormatError, match=r"nodes\.txt: .*expected integers of 64 bits"):
         read_node_list(path)
+
+
+def test_a_mark_alone_is_an_empty_file(tmp_path: Path) -> None:
+    path = tmp_path / "file.txt"
+    path.write_bytes(b"\xef\xbb\xbf \n")
+    for read in (
+        read_node_list,
+        rotavg.read,
+        rotavg.read_rotations,
+        rotavg.io.read_gravity,
+        lambda path: read_edge_list(path, "trusted"),
+        lambda path: rotavg.read_rigs(path, ring()),
+    ):
+        with pytest.raises(rotavg.FormatError, match=r"file\.txt: the file is empty"):
+            read(path)
+
+
+@pytest.mark.parametrize("blank", [b"\xa0", b"\x1c", b"\x85", b"\xc2\xa0"])
+def test_blanks_are_those_of_ascii(tmp_path: Path, blank: bytes) -> None:
+    source = good_files_beside(tmp_path, "positions")[0]
+    path = tmp_path / "g.g2o"
+    path.write_bytes(source.read_bytes().replace(b"1 1 0 0.5", b"1 1 " + blank + b"0 0.5"))
+    with pytest.raises(rotavg.FormatError, match=r"g\.g2o:2: found '.*0', expected a number"):
+        rotavg.read(path)
+    gravity = tmp_path / "gravity.txt"
+    gravity.write_bytes(b"a 0 1 " + blank + b"0\n")
+    with pytest.raises(rotavg.FormatError, match=r"gravity\.txt:1: found '.*0', expected a number"):
+        rotavg.io.read_gravity(gravity)
+
+
+def test_a_mark_before_the_first_vertex_is_none_of_it(tmp_path: Path) -> None:
+    source = good_files_beside(tmp_path, "positions")[0]
+    path = tmp_path / "g.g2o"
+    path.write_bytes(b"\xef\xbb\xbf" + source.read_bytes())
+    where = positions(rotavg.read(path))
+    assert where is not None
+    assert where[1].tolist() == [1, 0, 0.5]

@@ -15,6 +15,7 @@ from rotavg.graph.ids import IdArray
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _BLOCK = 1 << 16
+_IN_NUMBERS = b"0123456789+-.eE \t\v\f\r\n" + b"infatyINFATY"
 _NOT_IN_A_NAME = re.compile(r"[\s,#]")
 
 
@@ -51,9 +52,11 @@ def number_table(
     Raises FormatError for the first row that has more or fewer, or something else than numbers.
     """
     try:
-        table = np.loadtxt(rows, dtype=np.float64, comments=None, ndmin=2)
-        if table.shape[1] == columns:
-            return table
+        # numpy takes blanks of all scripts for blanks, other readers do not.
+        if not any(row.translate(None, _IN_NUMBERS) for row in rows):
+            table = np.loadtxt(rows, dtype=np.float64, comments=None, ndmin=2)
+            if table.shape[1] == columns:
+                return table
     except ValueError:
         pass
     for row, line in zip(rows, lines):  # something is wrong: look where
