@@ -67,15 +67,18 @@ struct Expected {
   Expected(const MatrixXd& A, Index pivots) {
     const Index below = static_cast<Index>(A.rows()) - pivots;
     L = MatrixXd::Zero(A.rows(), pivots);
-    const MatrixXd L11 = A.topLeftCorner(pivots, pivots).llt().matrixL();
-    L.topRows(pivots) = L11;
-    if (pivots > 0) {  // L21 = A21 L11^-T
-      L.bottomRows(below) =
-          L11.triangularView<Eigen::Lower>().solve(A.topRightCorner(pivots, below)).transpose();
+    MatrixXd rest = A.bottomRightCorner(below, below);
+    if (pivots > 0) {  // Eigen refers to the first entry of what it factors and solves with
+      const MatrixXd L11 = A.topLeftCorner(pivots, pivots).llt().matrixL();
+      L.topRows(pivots) = L11;
+      if (below > 0) {
+        const MatrixXd A12 = A.topRightCorner(pivots, below);
+        const MatrixXd L21 = L11.triangularView<Eigen::Lower>().solve(A12).transpose();
+        L.bottomRows(below) = L21;  // L21 = A21 L11^-T
+        rest -= L21 * L21.transpose();
+      }
     }
-    const MatrixXd product = L.bottomRows(below) * L.bottomRows(below).transpose();
-    lower_rest =
-        MatrixXd(A.bottomRightCorner(below, below) - product).triangularView<Eigen::Lower>();
+    lower_rest = rest.triangularView<Eigen::Lower>();
   }
 };
 

@@ -54,11 +54,12 @@ def good_files(folder: Path) -> dict[str, list[Path]]:
     return found
 
 
-def _text(content: str) -> Callable[[Path], Any]:
+def text(content: str) -> Callable[[Path], Any]:
+    """What writes this to a file."""
     return lambda path: path.write_text(content)
 
 
-_UPPER3 = "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 4 0 0 4 0 4"
+UPPER3 = "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 4 0 0 4 0 4"
 
 
 def _database(path: Path) -> None:
@@ -89,22 +90,22 @@ def _database(path: Path) -> None:
 _POSE3 = '{"type": "Pose3", "translation": [1, 2, 3], "rotation": [1, 0, 0, 0]}'
 _COVARIANCE = json.dumps(np.eye(6).ravel().tolist())
 _BY_HAND: dict[str, Callable[[Path], Any]] = {
-    "g2o": _text(
+    "g2o": text(
         "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0.1\nFIX 0\nEDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 4\n"
         "EDGE_SE2 1 2 1 0 0.1 1 0 0.1 1 0 4\n# a comment\nEDGE_SE2 2 0 1 0 0.1 1 0 0 1 0 4\n"
     ),
-    "toro": _text(
-        f"VERTEX3 0 0 0 0 0 0 0\nEDGE3 0 1 1 0 0 0 0 0.1 {_UPPER3}\n"
-        f"EDGE3 1 2 1 0 0 0 0 0 {_UPPER3}\n"
-        f"EDGE3 0 2 1 0 0 0 0 0.1 {_UPPER3}\n"
+    "toro": text(
+        f"VERTEX3 0 0 0 0 0 0 0\nEDGE3 0 1 1 0 0 0 0 0.1 {UPPER3}\n"
+        f"EDGE3 1 2 1 0 0 0 0 0 {UPPER3}\n"
+        f"EDGE3 0 2 1 0 0 0 0 0.1 {UPPER3}\n"
     ),
-    "pyfg": _text(
+    "pyfg": text(
         "VERTEX_SE3:QUAT 0.0 A0 0 0 0 0 0 0 1\nVERTEX_XYZ L0 1 2 3\n"
-        f"EDGE_SE3:QUAT 0.5 A0 A1 1 0 0 0 0 0 1 {_UPPER3}\nEDGE_RANGE 0.5 A0 L0 1 0.1\n"
-        f"EDGE_SE3:QUAT 0.5 A1 A2 1 0 0 0 0 0 1 {_UPPER3}\n"
-        f"EDGE_SE3:QUAT 1 A0 A2 1 0 0 0 0 0 1 {_UPPER3}\n"
+        f"EDGE_SE3:QUAT 0.5 A0 A1 1 0 0 0 0 0 1 {UPPER3}\nEDGE_RANGE 0.5 A0 L0 1 0.1\n"
+        f"EDGE_SE3:QUAT 0.5 A1 A2 1 0 0 0 0 0 1 {UPPER3}\n"
+        f"EDGE_SE3:QUAT 1 A0 A2 1 0 0 0 0 0 1 {UPPER3}\n"
     ),
-    "jrl": _text(
+    "jrl": text(
         '{"name": "n", "robots": ["a"], "measurements": {"a": [{"stamp": 0, "measurements": ['
         + ", ".join(
             f'{{"type": "BetweenFactorPose3", "key1": {i}, "key2": {j}, "measurement": {_POSE3}, '
@@ -113,13 +114,13 @@ _BY_HAND: dict[str, Callable[[Path], Any]] = {
         )
         + '], "x": 1}, {"stamp": 1, "measurements": [{"type": "PriorFactorPose3", "key": 0}]}]}}'
     ),
-    "csv": _text(
+    "csv": text(
         "name1;name2;weight;qw;qx;qy;qz;note\na;b;1;1,0;0;0;0;x\nb;c;2;0,6;0,8;0;0;\na;c;1;1;0;0;0;\n"
     ),
-    "text": _text(
+    "text": text(
         "# from to r11 r12 r13 r21 r22 r23 r31 r32 r33\n0 1 1 0 0 0 1 0 0 0 1\n"
         "1 2 0 -1 0 1 0 0 0 0 1\n2 0 1 0 0 0 1 0 0 0 1\n"
     ),
-    "tum": _text("# timestamp x y z qx qy qz qw\n0.5 1 2 3 0 0 0 1\n1.5 1 2 3 0 0 0.6 0.8\n"),
+    "tum": text("# timestamp x y z qx qy qz qw\n0.5 1 2 3 0 0 0 1\n1.5 1 2 3 0 0 0.6 0.8\n"),
     "colmap": _database,
 }

@@ -1,6 +1,6 @@
 """Readers against files that are nearly right: graphs, rotations, or an error that says where.
 
-    python -m tests.fuzz.readers --cases 20000            # all formats; about half a minute each
+    python -m tests.fuzz.readers --cases 20000            # all readers; about half a minute each
     python -m tests.fuzz.readers --format g2o --seed 7 --cases 1   # one case again, and its file
 
 Every case takes a good file of the format, changes it in a few places, and reads it. What is read
@@ -20,9 +20,10 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,15 +31,17 @@ import numpy as np
 
 import rotavg
 from rotavg.io import FORMATS
+from tests.fuzz.beside import BESIDE, good_files_beside
 from tests.fuzz.good_files import good_files
 from tests.fuzz.mutations import mutated, pick
 
-SLOW = 5.0  # seconds of processor time; the files are tiny
+READERS = (*(form.name for form in FORMATS), *BESIDE)
+SLOW = 1.0  # seconds of processor time; the files are tiny
 
 
 @dataclass
 class Tally:
-    """What became of the cases of one format."""
+    """What became of the cases of one reader."""
 
     read: int = 0
     refused: int = 0
@@ -79,34 +82,38 @@ def _sound(graph: rotavg.MeasurementGraph, solve: bool) -> None:
         assert np.isfinite(solution.objective)
 
 
-def one_case(form: Any, path: Path, how: int, tally: Tally) -> None:
-    """Read a file in one of the ways that there are, and keep what came of it."""
+def _read(form: Any, path: Path, how: int) -> None:
+    """Read a file in one of the ways that there are."""
     told = form.name if how % 2 else None
     columns = "i,j,qw,qx,qy,qz,weight" if how % 11 == 7 and form.name in ("text", "csv") else None
+    # A solution's file, or one by hand, may be taken for a graph, and the other way round.
+    rarely = 9 if path.parent.name == "s" else 1
+    if form.read is None or (form.rotations is not None and how % 10 < rarely):
+        ids, rotations = rotavg.read_rotations(path, format=told)
+        assert np.isfinite(rotations).all()
+        assert len(ids) == len(rotations)
+    else:
+        graph = rotavg.read(
+            path,
+            format=told,
+            unit_weights=how % 5 == 0,
+            skip_self_edges=how % 7 == 0,
+            columns=columns,
+        )
+        _sound(graph, solve=how % 8 == 0)
+
+
+def one_case(read: Callable[[], None], place: str, tally: Tally) -> None:
+    """Read, and keep what came of it; an error has to name the place."""
     began = time.thread_time()
     try:
         with alarm(60), warnings.catch_warnings():
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", rotavg.IncompleteWarning)
-            # A solution's file, or one by hand, may be taken for a graph, and the other way round.
-            rarely = 9 if path.parent.name == "s" else 1
-            if form.read is None or (form.rotations is not None and how % 10 < rarely):
-                ids, rotations = rotavg.read_rotations(path, format=told)
-                assert np.isfinite(rotations).all()
-                assert len(ids) == len(rotations)
-            else:
-                graph = rotavg.read(
-                    path,
-                    format=told,
-                    unit_weights=how % 5 == 0,
-                    skip_self_edges=how % 7 == 0,
-                    columns=columns,
-                )
-                _sound(graph, solve=how % 8 == 0)
+            read()
         tally.read += 1
     except rotavg.Error as error:
         tally.refused += 1
-        place = str(path.parent if form.main_file else path)
         line = getattr(error, "line", None)
         tally.with_line += line is not None
         tally.messages[
@@ -123,19 +130,25 @@ def one_case(form: Any, path: Path, how: int, tally: Tally) -> None:
 
 
 def fuzz(name: str, cases: int, seed: int, keep: Path | None = None) -> Tally:
-    """So many cases of one format; files with which something went wrong go to `keep`."""
-    form = next(form for form in FORMATS if form.name == name)
+    """So many cases of one reader; files with which something went wrong go to `keep`."""
+    form = next((form for form in FORMATS if form.name == name), None)
     tally = Tally()
     with tempfile.TemporaryDirectory() as folder:
-        good = good_files(Path(folder) / "good")[name]
+        good = (
+            good_files_beside(Path(folder) / "good", name)
+            if form is None
+            else good_files(Path(folder) / "good")[name]
+        )
+        read = BESIDE[name].read if form is None else partial(_read, form)
         for k in range(cases):
             rng = np.random.default_rng(seed + k)
             source = pick(rng, good)
             path = Path(folder) / "case" / source.parent.name / source.name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(mutated(source, rng))
+            place = str(path.parent if form and form.main_file else path)
             before = len(tally.faults)
-            one_case(form, path, int(rng.integers(1000)), tally)
+            one_case(partial(read, path, int(rng.integers(1000))), place, tally)
             if len(tally.faults) > before:
                 tally.faults[-1] = f"seed {seed + k}: {tally.faults[-1]}"
                 if keep is not None:
@@ -154,7 +167,7 @@ def main() -> None:
     parser.add_argument("--messages", action="store_true", help="print the commonest errors")
     arguments = parser.parse_args()
     wrong = 0
-    for name in arguments.format or [form.name for form in FORMATS]:
+    for name in arguments.format or READERS:
         tally = fuzz(name, arguments.cases, arguments.seed, arguments.keep)
         print(
             f"{name}: {tally.read} read, {tally.refused} refused ({tally.with_line} with a line), "

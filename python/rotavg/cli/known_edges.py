@@ -14,6 +14,7 @@ import rotavg
 from rotavg.cli import options
 from rotavg.cli.options import choice, number
 from rotavg.io.edges import read_edge_list
+from rotavg.io.lines import integer
 from rotavg.solving.known_edges import edge_mask, odometry
 
 _OPTIONS = (
@@ -96,7 +97,7 @@ def read_known_edges(
 def _is_integer(text: str) -> bool:
     """Whether a field is the id of a node that is a number."""
     try:
-        int(text)
+        integer(text)
     except ValueError:
         return False
     return True
@@ -106,7 +107,7 @@ def _mask(graph: rotavg.MeasurementGraph, path: Path, column: str) -> NDArray[np
     pairs: list[tuple[Any, Any]] = list(read_edge_list(path, column))
     if graph.nodes.dtype.kind != "U":
         try:
-            pairs = [(int(i), int(j)) for i, j in pairs]
+            pairs = [(integer(i), integer(j)) for i, j in pairs]
         except ValueError:
             i, j = next(pair for pair in pairs if not all(map(_is_integer, pair)))
             found = f"found an edge between {i!r} and {j!r}, but the nodes of the graph are numbers"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.base.errors import FormatError
+from rotavg.base.errors import FormatError, GraphError
 from rotavg.graph.conventions import convert_family, matrices_from_quaternions, xyzw_from_wxyz
 from rotavg.io.colmap_sqlite import doubles, opened
 from rotavg.io.rounding import is_unit
@@ -85,4 +85,10 @@ def rigs_in(path: Path, connection: sqlite3.Connection) -> Rigs | None:
     ):
         if rig in several:
             images[name] = frame, sensor
-    return Rigs(images, rotations) if images else None
+    if not images:
+        return None
+    here = {sensor for _, sensor in images.values()}
+    try:
+        return Rigs(images, {s: R for s, R in rotations.items() if s in here})
+    except GraphError as error:
+        raise FormatError(f"frame_data: {error}", path=path) from None

@@ -14,7 +14,7 @@ import numpy as np
 from rotavg.base.errors import FormatError
 from rotavg.graph.ids import IdArray
 from rotavg.io import atomic, registry
-from rotavg.io.lines import content_lines
+from rotavg.io.lines import comma_fields, content_lines
 
 if TYPE_CHECKING:
     from rotavg.solving.solution import Solution
@@ -61,7 +61,7 @@ def read_edge_list(path: str | os.PathLike[str], column: str) -> list[tuple[str,
     header: list[str] | None = None
     for line, text in content_lines(path, registry.read_bytes((), path)):
         words = text.decode(errors="replace").strip()
-        fields = [f.strip() for f in next(csv.reader([words]))] if "," in words else words.split()
+        fields = comma_fields(path, line, words) if "," in words else words.split()
         if header is None and not edges and {"i", "j"} <= set(fields):
             header = fields
             continue

@@ -14,7 +14,7 @@ from rotavg.graph.conventions import first_bad_quaternion
 from rotavg.graph.ids import IdArray
 from rotavg.io import bulk
 from rotavg.io.dialects import G2O_3D, Dialect
-from rotavg.io.lines import check_finite, number_table, shown
+from rotavg.io.lines import check_finite, integer, number_table, shown
 from rotavg.io.rounding import quaternion_notes
 
 
@@ -73,9 +73,7 @@ def read_at_once(
 def integers(path: Path, line: int, fields: list[bytes]) -> list[int]:
     """Node ids; FormatError that names the line if they are none."""
     try:
-        if any(b"_" in field for field in fields):
-            raise ValueError  # Python alone takes 1_000
-        return list(map(int, fields))
+        return list(map(integer, fields))
     except ValueError:
         found = " ".join(map(shown, fields))
         raise FormatError(

@@ -16,15 +16,20 @@ from rotavg.io.lines import BYTE_ORDER_MARK
 _LARGEST = sys.float_info.max  # Python compares integers of any size with it
 
 
-def parsed(path: Path, data: bytes) -> dict[str, Any]:
-    """The object that a file is; FormatError, which names the line, if it is none."""
+def loaded(path: Path, data: bytes) -> Any:
+    """What a file holds; FormatError, which names the line, if it is no JSON."""
     try:
-        value = json.loads(data.removeprefix(BYTE_ORDER_MARK))
+        return json.loads(data.removeprefix(BYTE_ORDER_MARK))
     except json.JSONDecodeError as error:
         found = f"found no JSON: {error.msg} at column {error.colno}"
         raise FormatError(found, path=path, line=error.lineno) from None
     except (UnicodeDecodeError, RecursionError, ValueError) as error:
         raise FormatError(f"found no JSON: {error}", path=path) from None
+
+
+def parsed(path: Path, data: bytes) -> dict[str, Any]:
+    """The object that a file is; FormatError, which names the line, if it is none."""
+    value = loaded(path, data)
     if not isinstance(value, dict):
         raise FormatError(f"found {_shown(value)}, expected an object {{...}}", path=path)
     return value

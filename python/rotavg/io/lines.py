@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -14,6 +15,7 @@ from rotavg.graph.ids import IdArray
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _BLOCK = 1 << 16
+_IN_NUMBERS = b"0123456789+-.eE \t\v\f\r\n" + b"infatyINFATY"
 _NOT_IN_A_NAME = re.compile(r"[\s,#]")
 
 
@@ -50,9 +52,11 @@ def number_table(
     Raises FormatError for the first row that has more or fewer, or something else than numbers.
     """
     try:
-        table = np.loadtxt(rows, dtype=np.float64, comments=None, ndmin=2)
-        if table.shape[1] == columns:
-            return table
+        # numpy takes blanks of all scripts for blanks, other readers do not.
+        if not any(row.translate(None, _IN_NUMBERS) for row in rows):
+            table = np.loadtxt(rows, dtype=np.float64, comments=None, ndmin=2)
+            if table.shape[1] == columns:
+                return table
     except ValueError:
         pass
     for row, line in zip(rows, lines):  # something is wrong: look where
@@ -89,6 +93,25 @@ def is_number(field: bytes) -> bool:
     except ValueError:
         return False
     return b"_" not in field
+
+
+def integer(field: str | bytes) -> int:
+    """An integer as everyone spells it (Python alone takes 1_000, and digits of all scripts).
+
+    ValueError for anything else.
+    """
+    text = field.decode() if isinstance(field, bytes) else field
+    if not text.isascii() or "_" in text:
+        raise ValueError(text)
+    return int(text)
+
+
+def comma_fields(path: Path, line: int, text: str) -> list[str]:
+    """The fields of a line of CSV, without blanks around them."""
+    try:
+        return [field.strip() for field in next(csv.reader([text]), [])]
+    except csv.Error as error:
+        raise FormatError(f"found no CSV: {error}", path=path, line=line) from None
 
 
 def shown(field: bytes) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from rotavg.base.errors import FormatError
-from rotavg.graph.ids import IdArray, unique_ids
+from rotavg.base.errors import FormatError, GraphError
+from rotavg.graph.ids import IdArray, as_ids, unique_ids
 from rotavg.io import registry
 from rotavg.io.lines import BYTE_ORDER_MARK, ids_of
 
@@ -23,4 +23,7 @@ def read_node_list(path: str | os.PathLike[str]) -> IdArray:
     if b"\0" in data:
         raise FormatError("the file is binary, expected a node on each line", path=path)
     lines = [line.strip() for line in data.removeprefix(BYTE_ORDER_MARK).splitlines()]
-    return unique_ids(ids_of(path, [line for line in lines if line]))
+    try:
+        return unique_ids(as_ids(ids_of(path, [line for line in lines if line]), "ids of nodes"))
+    except GraphError as error:
+        raise FormatError(str(error), path=path) from None

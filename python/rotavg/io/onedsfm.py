@@ -26,6 +26,7 @@ from rotavg.io.lines import (
     BYTE_ORDER_MARK,
     check_finite,
     content_lines,
+    integer,
     number_table,
     plain_name,
     shown,
@@ -127,7 +128,7 @@ def _component(path: Path, edges: IdArray) -> tuple[NDArray[np.bool_], tuple[str
     component = set()
     for line, text in content_lines(path.with_name("cc.txt"), data):
         try:
-            component.add(int(text))
+            component.add(integer(text))
         except ValueError:
             found = f"found {shown(text.strip())}, expected an id"
             raise FormatError(found, path=path.with_name("cc.txt"), line=line) from None

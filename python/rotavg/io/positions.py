@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.io.lines import lines_of
 
 _VERTEX = b"VERTEX_SE3:QUAT"
 
@@ -18,7 +19,7 @@ def positions(graph: MeasurementGraph) -> NDArray[np.float64] | None:
     """
     data = getattr(graph.source, "data", b"")  # what a reader of pose graphs keeps of its file
     place = {}
-    for line in data.splitlines():
+    for line in lines_of(data):
         fields = line.split(None, 5)
         if fields[:1] == [_VERTEX]:
             place[int(fields[1])] = [float(number) for number in fields[2:5]]

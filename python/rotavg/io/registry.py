@@ -15,6 +15,7 @@ from rotavg.base.errors import FileAccessError, FormatError, GraphError
 from rotavg.graph.conventions import Convention
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import RotationReader
+from rotavg.io.lines import BYTE_ORDER_MARK
 
 
 @runtime_checkable
@@ -242,7 +243,8 @@ def read_bytes(formats: Sequence[Format], path: Path, what: str = "a measurement
     except OSError as error:
         reason = error.strerror or str(error)
         raise FileAccessError(f"cannot be read: {reason}", path=path) from error
-    if not data or data.isspace():
+    content = data.removeprefix(BYTE_ORDER_MARK)
+    if not content or content.isspace():
         raise FormatError(f"the file is empty, expected {what}", path=path)
     return data
 

@@ -9,9 +9,6 @@ qw, qx, qy, qz of rig_from_sensor; one line of a sensor that has it is enough.
 
 from __future__ import annotations
 
-import csv
-import json
-import math
 import os
 import warnings
 from collections.abc import Iterable
@@ -24,8 +21,18 @@ from numpy.typing import NDArray
 from rotavg.base.errors import FormatError, GraphError, IncompleteWarning
 from rotavg.graph.conventions import convert_family, matrices_from_quaternions
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.io import json_data
 from rotavg.io.colmap_database import COLMAP_DATABASE, ColmapImages
 from rotavg.io.colmap_priors import read_rigs_of
+from rotavg.io.lines import (
+    BYTE_ORDER_MARK,
+    comma_fields,
+    content_lines,
+    integer,
+    is_number,
+    lines_of,
+    shown,
+)
 from rotavg.io.registry import read_bytes
 from rotavg.io.rounding import is_unit
 from rotavg.priors.priors import Rigs
@@ -56,10 +63,9 @@ def read_rigs(path: str | os.PathLike[str], graph: MeasurementGraph) -> Rigs:
         if found is None:
             raise FormatError("the database has no rig of several cameras", path=path)
         return restricted(found, graph)
-    text = data.decode("utf-8-sig", errors="replace")
-    if text.lstrip()[:1] in ("[", "{"):
-        return _from_config(path, text, graph)
-    return _from_table(path, text, graph)
+    if data.removeprefix(BYTE_ORDER_MARK).lstrip()[:1] in (b"[", b"{"):
+        return _from_config(path, data, graph)
+    return _from_table(path, data, graph)
 
 
 def rigs_of(graph: MeasurementGraph) -> Rigs | None:
@@ -84,11 +90,8 @@ def restricted(rigs: Rigs, graph: MeasurementGraph) -> Rigs:
     return Rigs(images, {s: C for s, C in rigs.rotations.items() if s in sensors})
 
 
-def _from_config(path: Path, text: str, graph: MeasurementGraph) -> Rigs:
-    try:
-        configuration = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise FormatError(f"no JSON: {error.msg}", path=path, line=error.lineno) from None
+def _from_config(path: Path, data: bytes, graph: MeasurementGraph) -> Rigs:
+    configuration = json_data.loaded(path, data)
     if graph.nodes.dtype.kind != "U":
         found = "nodes of the graph are numbers"
         raise FormatError(f"{found}, expected names of images, as prefixes are for", path=path)
@@ -114,7 +117,8 @@ def _from_config(path: Path, text: str, graph: MeasurementGraph) -> Rigs:
                 references += 1
                 rotations[prefix] = np.eye(3)
             elif camera.get("cam_from_rig_rotation") is not None:
-                R = _rotation(path, where, camera["cam_from_rig_rotation"])
+                wxyz = camera["cam_from_rig_rotation"]
+                R = _rotation(path, json_data.numbers(path, wxyz, 4, where), where)
                 rotations[prefix] = convert_family(R, "vision")
             for name in graph.nodes.tolist():
                 if name.startswith(prefix):
@@ -130,10 +134,8 @@ def _from_config(path: Path, text: str, graph: MeasurementGraph) -> Rigs:
     return _present(path, images, rotations, prefixes)
 
 
-def _from_table(path: Path, text: str, graph: MeasurementGraph) -> Rigs:
-    lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
-    lines = [(k, line) for k, line in lines if not line.lstrip().startswith("#")]
-    rows = [(k, [f.strip() for f in next(csv.reader([line]))]) for k, line in lines]
+def _from_table(path: Path, data: bytes, graph: MeasurementGraph) -> Rigs:
+    rows = _rows(path, data)
     header = [field.lower() for field in rows[0][1]] if rows else []
     if header[:3] != ["node", "frame", "sensor"]:
         found = "found no header node,frame,sensor"
@@ -152,13 +154,13 @@ def _from_table(path: Path, text: str, graph: MeasurementGraph) -> Rigs:
             found = f"found {len(fields)} fields, expected {len(header)}"
             raise FormatError(found, path=path, line=line)
         try:
-            node: Any = fields[0] if named else int(fields[0])
+            node: Any = fields[0] if named else integer(fields[0])
         except ValueError:
             found = f"found the node {fields[0]!r}, expected an integer"
             raise FormatError(found, path=path, line=line) from None
         quaternion = [fields[column[name]] for name in _QUATERNION] if has_rotations else [""] * 4
         if any(quaternion):
-            R = _rotation(path, None, quaternion, line)
+            R = _rotation(path, _quaternion(path, line, quaternion), None, line)
             sensor = fields[2]
             if sensor in rotations and not np.allclose(rotations[sensor], R, atol=1e-9):
                 found = f"the sensor {sensor!r} has another rotation before"
@@ -202,15 +204,32 @@ def _present(
         raise FormatError(str(error), path=path) from None
 
 
+def _rows(path: Path, data: bytes) -> list[tuple[int, list[str]]]:
+    """(line number, fields) of the lines that are neither blank nor a comment."""
+    next(content_lines(path, data), None)  # refuses what is binary
+    rows = []
+    for line, text in enumerate(lines_of(data), 1):
+        if text.strip() and not text.lstrip().startswith(b"#"):
+            try:
+                rows.append((line, comma_fields(path, line, text.decode())))
+            except UnicodeDecodeError as error:
+                raise FormatError(f"no UTF-8: {error}", path=path, line=line) from None
+    return rows
+
+
+def _quaternion(path: Path, line: int, fields: list[str]) -> NDArray[np.float64]:
+    for field in fields:
+        if not is_number(field.encode()):
+            found = f"found {shown(field.encode())}, expected a number"
+            raise FormatError(found, path=path, line=line)
+    return np.array(fields, dtype=np.float64)
+
+
 def _rotation(
-    path: Path, where: str | None, wxyz: Any, line: int | None = None
+    path: Path, wxyz: NDArray[np.float64], where: str | None, line: int | None = None
 ) -> NDArray[np.float64]:
-    prefix = "" if where is None else f"{where}: "
-    try:
-        values = np.array([float(value) for value in wxyz])
-    except (TypeError, ValueError):
-        values = np.array([math.nan])
-    if values.shape != (4,) or not is_unit(values):
-        found = f"{prefix}found the rotation {list(wxyz) if isinstance(wxyz, list) else wxyz!r}"
+    if not is_unit(wxyz):
+        prefix = "" if where is None else f"{where}: "
+        found = f"{prefix}found the rotation {wxyz.tolist()}"
         raise FormatError(f"{found}, expected a unit quaternion w x y z", path=path, line=line)
-    return matrices_from_quaternions(values[[1, 2, 3, 0]])
+    return matrices_from_quaternions(wxyz[[1, 2, 3, 0]])
