@@ -13,9 +13,11 @@
 #include <rotavg/robust/turn_odds.hpp>
 
 #include "support/graphs.hpp"
+#include "support/largest_error.hpp"
 #include "support/random.hpp"
 
 using namespace rotavg;
+using rotavg::test::largest_error;
 using rotavg::test::Random;
 
 namespace {
@@ -62,15 +64,6 @@ std::vector<double> residuals(const MeasurementGraph& graph, const Rotations& R)
   std::vector<double> x;
   squared_residuals(ResidualQuaternions(graph, to_quaternions(R), 1), x);
   return x;
-}
-
-double largest_error(const Rotations& R, const Rotations& truth) {
-  const Matrix3 gauge = truth[0] * R[0].transpose();
-  double largest = 0.0;
-  for (std::size_t i = 0; i < R.size(); ++i) {
-    largest = std::max(largest, angle_between(gauge * R[i], truth[i]));
-  }
-  return largest;
 }
 
 }  // namespace

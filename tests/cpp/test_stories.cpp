@@ -18,23 +18,12 @@
 
 #include "support/folded_ring.hpp"
 #include "support/graphs.hpp"
+#include "support/largest_error.hpp"
 #include "support/random.hpp"
 
 using namespace rotavg;
+using rotavg::test::largest_error;
 using rotavg::test::Random;
-
-namespace {
-
-double largest_error(const Rotations& R, const Rotations& truth) {
-  double largest = 0.0;
-  for (std::size_t i = 0; i < R.size(); ++i) {
-    const Matrix3 gauge = truth[0] * R[0].transpose();
-    largest = std::max(largest, angle_between(gauge * R[i], truth[i]));
-  }
-  return largest;
-}
-
-}  // namespace
 
 TEST_CASE("the maximum spanning tree has the largest weight of all trees") {
   Random random;
