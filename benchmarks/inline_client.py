@@ -34,6 +34,8 @@ class InlineClient:
         *arguments: Any,
         pure: bool = False,
         priority: int = 0,
+        workers: Any = None,
+        allow_other_workers: bool = False,
         **common: Any,
     ) -> Done:
         """Call it."""

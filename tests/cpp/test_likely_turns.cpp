@@ -62,7 +62,7 @@ struct Views {
 
 std::vector<double> residuals(const MeasurementGraph& graph, const Rotations& R) {
   std::vector<double> x;
-  squared_residuals(ResidualQuaternions(graph, to_quaternions(R), 1), x);
+  squared_residuals(graph, to_quaternions(R), 1, x);
   return x;
 }
 

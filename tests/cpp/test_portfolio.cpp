@@ -72,7 +72,7 @@ TEST_CASE("rejected edges agree on the turn of a part, and not where they are wr
   const Rotations truth = solve(right, options).rotations;
   const auto in_units = [&](const MeasurementGraph& graph, const Rotations& R) {
     std::vector<double> x;
-    squared_residuals(ResidualQuaternions(graph, to_quaternions(R), 1), x);
+    squared_residuals(graph, to_quaternions(R), 1, x);
     for (double& x_k : x) x_k /= noise * noise;
     return x;
   };

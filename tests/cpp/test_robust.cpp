@@ -92,7 +92,7 @@ TEST_CASE("the robust objective of l2 is f, and its gradient that of the weighte
   std::vector<double> x;
   const auto value = [&](const Rotations& at, const RobustLoss& loss) {
     graph.set_weights(given);
-    squared_residuals(ResidualQuaternions(graph, to_quaternions(at), 1), x);
+    squared_residuals(graph, to_quaternions(at), 1, x);
     return robust_objective(given, x, loss, {}, 1);
   };
   CHECK(value(R, {Loss::l2}) == doctest::Approx(objective(graph, R)).epsilon(1e-12));
@@ -101,8 +101,19 @@ TEST_CASE("the robust objective of l2 is f, and its gradient that of the weighte
     std::vector<double> weights;
     value(R, loss);
     robust_weights(given, x, loss, {}, 1, weights);
+    graph.set_weights(given);
+    const std::vector<double> ones;
+    RobustResiduals residuals(graph, ones, 1);
+    residuals.update(to_quaternions(R), loss);
+    CHECK(residuals.objective() == doctest::Approx(value(R, loss)).epsilon(1e-12));
+    for (std::size_t k = 0; k < weights.size(); ++k) {
+      CHECK(residuals.weights()[k] == doctest::Approx(weights[k]).epsilon(1e-12));
+    }
     graph.set_weights(weights);
     const auto g = gradient(graph, R);
+    for (Index i = 0; i < 7; ++i) {
+      CHECK((residuals.gradient(i) - g[i]).norm() == doctest::Approx(0.0).epsilon(1e-9));
+    }
     for (Index i = 0; i < 7; ++i) {
       const Vector3 direction = random.direction();
       constexpr double h = 1e-5;
@@ -144,16 +155,21 @@ TEST_CASE("a reweighted sweep sets the weights anew before every node") {
   INFO(random.replay());
   const MeasurementGraph graph(
       test::simulate(random, test::random_connected(random, 25, 60), 0.4));  // of all degrees
-  for (const Loss kind : {Loss::huber, Loss::l1, Loss::l_half, Loss::cauchy, Loss::tls}) {
+  for (const Loss kind :
+       {Loss::huber, Loss::l1, Loss::l_half, Loss::cauchy, Loss::geman_mcclure, Loss::tls}) {
     CAPTURE(static_cast<int>(kind));
     const RobustLoss loss{kind, 0.3};
     const Rotations start = random.rotations(25);
     const Monitor monitor(graph, start, {});
     Quaternions q = to_quaternions(start), expected = q;
-    reweighted_sweep(graph, loss, {}, q, monitor);
+    const std::vector<double> ones;
+    RobustResiduals residuals(graph, ones, 1), newest(graph, ones, 1);
+    residuals.update(q, loss);
+    reweighted_sweep(residuals, q, monitor);
     MeasurementGraph weighted = graph;
     for (Index l = 0; l < 25; ++l) {
-      weighted.set_weights(robust_weights(graph, expected, loss, {}, 1));
+      newest.update(expected, loss);
+      weighted.set_weights(newest.weights());
       expected[l] = loso(davenport_matrix(weighted, expected, l), expected[l]);
     }
     for (Index l = 0; l < 25; ++l) CHECK(chordal_distance(q[l], expected[l]) < 1e-9);
@@ -170,7 +186,7 @@ TEST_CASE("a sweep of votes never lets the objective rise, and frees a node that
   for (Index i = 0; i < 10; ++i) q[i] = to_quaternion(random.rotation());
   const auto value = [&] {
     std::vector<double> x;
-    squared_residuals(ResidualQuaternions(graph, q, 1), x);
+    squared_residuals(graph, q, 1, x);
     return robust_objective(weights, x, loss, {}, 1);
   };
   const double before = value();

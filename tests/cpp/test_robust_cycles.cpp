@@ -74,8 +74,8 @@ TEST_CASE("the part that cycles check is the graph without its bridges, which ar
     const Rotations all = part.extended(R);
     REQUIRE(all.size() == static_cast<std::size_t>(n));
     std::vector<double> x, x_part;
-    squared_residuals(ResidualQuaternions(graph, to_quaternions(all), 1), x);
-    squared_residuals(ResidualQuaternions(part.graph(), to_quaternions(R), 1), x_part);
+    squared_residuals(graph, to_quaternions(all), 1, x);
+    squared_residuals(part.graph(), to_quaternions(R), 1, x_part);
     const std::vector<double> kept = part.of_edges(x);
     REQUIRE(kept.size() == x_part.size());
     for (std::size_t k = 0; k < kept.size(); ++k) {

@@ -35,7 +35,7 @@ double turn(const Rotations& R, const Rotations& truth) {
 
 double value(const MeasurementGraph& graph, const Rotations& R, const RobustLoss& loss) {
   std::vector<double> x;
-  squared_residuals(ResidualQuaternions(graph, to_quaternions(R), 1), x);
+  squared_residuals(graph, to_quaternions(R), 1, x);
   return robust_objective(graph.weights(), x, loss, {}, 1);
 }
 

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -6,6 +7,7 @@
 
 #include <rotavg/robust/gnc.hpp>
 #include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/radix_sort.hpp>
 #include <rotavg/robust/scale.hpp>
 
 #include "support/random.hpp"
@@ -115,6 +117,27 @@ TEST_CASE("graduation ends at the loss, and its surrogates come nearer to it") {
     }
   }
   CHECK(graduation({Loss::cauchy, 0.1}).empty());
+}
+
+TEST_CASE("numbers are sorted by their bits as by comparison") {
+  Random random;
+  INFO(random.replay());
+  for (const int count : {0, 1, 499, 500, 501, 3000}) {
+    std::vector<double> values;
+    for (int k = 0; k < count; ++k) {
+      const double any = std::exp(200.0 * random.normal());
+      values.push_back(k % 7 == 0 ? 0.0 : k % 5 == 0 ? 0.25 : any);  // zeros, repetitions
+    }
+    if (count > 10) values[10] = std::numeric_limits<double>::infinity();
+    if (count > 11) values[11] = std::numeric_limits<double>::denorm_min();
+    std::vector<double> expected = values;
+    std::sort(expected.begin(), expected.end());
+    radix_sort(values);
+    CHECK(values == expected);
+  }
+  std::vector<double> same(1000, 0.3);
+  radix_sort(same);
+  CHECK(same == std::vector<double>(1000, 0.3));
 }
 
 TEST_CASE("the noise is found among many outliers, and nothing is found where there is none") {

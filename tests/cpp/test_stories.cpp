@@ -248,10 +248,10 @@ TEST_CASE("two edges that agree turn what one of great weight holds") {
   const Matrix3 turn = truth[0] * measurements[30].i_from_j * truth[6].transpose();
   for (Index i = 6; i < 13; ++i) R[i] = turn * R[i];
   std::vector<double> x;
-  squared_residuals(ResidualQuaternions(graph, to_quaternions(R), 1), x);
+  squared_residuals(graph, to_quaternions(R), 1, x);
   CHECK(take_part_votes(graph, {}, x, 0.01, R) == 1);
   CHECK(largest_error(R, truth) < 0.01);
-  squared_residuals(ResidualQuaternions(graph, to_quaternions(R), 1), x);
+  squared_residuals(graph, to_quaternions(R), 1, x);
   CHECK(take_part_votes(graph, {}, x, 0.01, R) == 0);
 }
 
@@ -284,7 +284,7 @@ TEST_CASE("the other place of what a single edge holds is that of the edges it c
   add(4, 13, Matrix3::Identity());
   const MeasurementGraph graph(measurements);
   std::vector<double> x;
-  squared_residuals(ResidualQuaternions(graph, to_quaternions(truth), 1), x);
+  squared_residuals(graph, to_quaternions(truth), 1, x);
   Rotations expected = truth;
   for (Index i = 6; i < 13; ++i) expected[i] = turn * truth[i];
   const std::vector<Rotations> told = other_places(graph, {}, x, 0.01, truth, 3.0, 4);

@@ -124,26 +124,17 @@ def largest_component(labels: NDArray[np.int64], pairs: NDArray[np.int32]) -> se
     """
     names, number = np.unique(labels, return_inverse=True)
     first, second = number.reshape(-1)[pairs].reshape(-1, 2).T
-    codes = first * len(names) + second
-    if len(names) ** 2 <= 50 * len(codes):  # many pairs of few labels: no need to sort
-        seen = np.zeros(len(names) ** 2, dtype=bool)
-        seen[codes] = True
-        codes = np.flatnonzero(seen)
-    parent = list(range(len(names)))
     joined = np.zeros(len(names), dtype=bool)
     joined[first] = joined[second] = True
-
-    def root(k: int) -> int:
-        while parent[k] != k:
-            parent[k] = parent[parent[k]]
-            k = parent[k]
-        return k
-
-    for code in np.unique(codes).tolist():
-        a, b = sorted((root(code // len(names)), root(code % len(names))))
-        parent[b] = a
-    roots = np.array([root(k) for k in range(len(names))])
     if not joined.any():
         return set()
-    largest = int(np.argmax(np.bincount(roots[joined])))
-    return set(names[(roots == largest) & joined].tolist())
+    root = np.arange(len(names))
+    before = root[:0]
+    while not np.array_equal(root, before):  # all roots hang below the least they are joined to
+        before = root.copy()
+        least = np.minimum(before[first], before[second])
+        np.minimum.at(root, before[first], least)
+        np.minimum.at(root, before[second], least)
+        root = root[root]
+    largest = int(np.argmax(np.bincount(root[joined])))
+    return set(names[(root == largest) & joined].tolist())

@@ -30,6 +30,7 @@ from rotavg.distributed.owners import (
     shares,
 )
 from rotavg.distributed.part import Part, make_part, wired
+from rotavg.distributed.places import Places
 from rotavg.graph.measurement_graph import MeasurementGraph
 
 NOTHING = "there is nothing to solve: no edge was given"
@@ -110,24 +111,26 @@ def build(
     if not any(told):
         raise GraphError(NOTHING)
     pieces_of: list[list[Any]] = [[] for _ in range(count)]
+    places = Places(client, count)
+    at = places.submit
     for k, present in enumerate(told):
         split = submit(_split, held[k], owners, present)
-        for at, p in enumerate(present):
-            pieces_of[p].append(submit(_item, split, at, priority=1))
+        for place, p in enumerate(present):
+            pieces_of[p].append(submit(_item, split, place, priority=1))
     # What makes room comes first.
-    regions = [submit(_region, p, owners, pieces_of[p], priority=1) for p in range(count)]
+    regions = [at(p, _region, p, owners, pieces_of[p], priority=1) for p in range(count)]
     del held, split, pieces_of
-    regions = _grown(client, submit, regions, owners)
-    parts = [submit(_part, region) for region in regions]
+    regions = _grown(client, at, regions, owners)
+    parts = [at(p, _part, region) for p, region in enumerate(regions)]
     del regions
-    asks = [submit(_asks, part, owners) for part in parts]
-    asked = gathered(client, [submit(sorted, ask) for ask in asks])
+    asks = [at(p, _asks, part, owners) for p, part in enumerate(parts)]
+    asked = gathered(client, [at(p, sorted, ask) for p, ask in enumerate(asks)])
     askers: list[list[Any]] = [[] for _ in parts]
     for q, whom in enumerate(asked):
         for p in whom:
-            askers[p].append(submit(_item, asks[q], p))
-    parts = [submit(_wired, part, owners, askers[p]) for p, part in enumerate(parts)]
-    network = Network(client, parts, asked)
+            askers[p].append(at(q, _item, asks[q], p))
+    parts = [at(p, _wired, part, owners, askers[p]) for p, part in enumerate(parts)]
+    network = Network(places, parts, asked)
     return network, network.each(pieces)
 
 
@@ -141,22 +144,24 @@ def _owners(client: Any, submit: Any, chunks: Sequence[Any], num_parts: int) -> 
     return submit(by_chunks, home, crossing, num_parts)
 
 
-def _grown(client: Any, submit: Any, regions: list[Any], owners: Any) -> list[Any]:
+def _grown(client: Any, at: Any, regions: list[Any], owners: Any) -> list[Any]:
     """With as many layers of overlap as are worth their room: they save rounds."""
-    own = sum(gathered(client, [submit(_num_nodes, region) for region in regions]))
+    own = sum(gathered(client, [at(p, _num_nodes, region) for p, region in enumerate(regions)]))
     for _ in range(MOST_LAYERS):
-        rings = [submit(_ring, region) for region in regions]
-        told = gathered(client, [submit(_size_and_owners, ring, owners) for ring in rings])
-        now = sum(gathered(client, [submit(_num_nodes, region) for region in regions]))
+        rings = [at(p, _ring, region) for p, region in enumerate(regions)]
+        sizes = [at(p, _size_and_owners, ring, owners) for p, ring in enumerate(rings)]
+        told = gathered(client, sizes)
+        now = sum(gathered(client, [at(p, _num_nodes, region) for p, region in enumerate(regions)]))
         more = sum(size for size, _ in told)
         if more == 0 or now + more > (1.0 + MOST_OVERLAP) * own:
             break
         regions = [
-            submit(
+            at(
+                p,
                 _larger,
                 region,
                 rings[p],
-                [submit(_edges_at, regions[q], rings[p], owners) for q in told[p][1]],
+                [at(q, _edges_at, regions[q], rings[p], owners) for q in told[p][1]],
             )
             for p, region in enumerate(regions)
         ]

@@ -192,7 +192,7 @@ class Chebyshev:
         along = self.network.each(_along, self.operators, y, count=len(self.component_degrees))
         means = self.network.client.submit(_means, along, self.component_degrees, pure=False)
         return [
-            self.network.client.submit(without_null, operator, y[p], means, pure=False)
+            self.network.at(p, without_null, operator, y[p], means)
             for p, operator in enumerate(self.operators)
         ]
 

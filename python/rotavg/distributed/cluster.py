@@ -12,6 +12,8 @@ from typing import Any
 from rotavg.base.errors import SolverError, require
 
 ON_THIS_MACHINE = {
+    # A task that is taken from one worker by another takes its part along.
+    "distributed.scheduler.work-stealing": False,
     # Else the profiler looks at every worker a hundred times a second.
     "distributed.worker.profile.enabled": False,
     # A process that dies closes its connections; one that is slow to answer is only busy.

@@ -9,6 +9,7 @@ from rotavg.base.errors import require
 from rotavg.distributed.deadline import NEVER, Deadline
 from rotavg.distributed.interruption import check
 from rotavg.distributed.part import Part, Rotations, boundary_of, with_others, without_edges
+from rotavg.distributed.places import Places
 
 LONGEST = 0.5  # seconds, until Ctrl-C is heeded
 
@@ -20,13 +21,20 @@ class Network:
     computed again from what others hold, or read again.
 
     Args:
-        client: of the cluster.
+        places: of the parts.
         parts: futures of `Part`.
         neighbours: of every part, the parts that it asks.
     """
 
-    def __init__(self, client: Any, parts: Sequence[Any], neighbours: Sequence[list[int]]) -> None:
-        self.client, self.parts, self.neighbours = client, list(parts), neighbours
+    def __init__(
+        self, places: Places, parts: Sequence[Any], neighbours: Sequence[list[int]]
+    ) -> None:
+        self.places, self.parts, self.neighbours = places, list(parts), neighbours
+
+    @property
+    def client(self) -> Any:
+        """Of the cluster."""
+        return self.places.client
 
     def __len__(self) -> int:
         return len(self.parts)
@@ -36,11 +44,13 @@ class Network:
     ) -> list[Any]:
         """Futures of function(part, state of the part, …) of every part."""
         return [
-            self.client.submit(
-                function, part, *(state[p] for state in states), pure=False, **common
-            )
+            self.at(p, function, part, *(state[p] for state in states), **common)
             for p, part in enumerate(self.parts)
         ]
+
+    def at(self, part: int, function: Callable[..., Any], *arguments: Any, **common: Any) -> Any:
+        """A future of function(arguments, …), called where the part is."""
+        return self.places.submit(part, function, *arguments, **common)
 
     def with_neighbours(
         self,
@@ -52,7 +62,8 @@ class Network:
         """Futures of function(part, values of all its nodes, state of the part, …)."""
         boundaries = self.each(boundary_of, own)
         return [
-            self.client.submit(
+            self.at(
+                p,
                 _with_others,
                 function,
                 part,
@@ -60,7 +71,6 @@ class Network:
                 self.neighbours[p],
                 [boundaries[q] for q in self.neighbours[p]],
                 *(state[p] for state in states),
-                pure=False,
                 **common,
             )
             for p, part in enumerate(self.parts)

@@ -41,6 +41,44 @@ class Operator:
     leftover_rounding: NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """3 x 3 blocks by rows, put where they belong as they come: a part's are most of its memory.
+
+    Attributes:
+        start: (num_own + 1,) of the rows.
+        filled: (num_own,) how many blocks of every row have come.
+        column, blocks: (q,), (q, 3, 3), in the order in which they came.
+    """
+
+    start: NDArray[np.int64]
+    filled: NDArray[np.int64]
+    column: NDArray[np.int32]
+    blocks: NDArray[np.float64]
+
+    @staticmethod
+    def of(part: Part) -> _Rows:
+        """With room for two blocks of every edge with own ends, and one on the diagonal."""
+        counts = np.ones(part.num_own, np.int64)
+        for edges, _ in part.blocks():
+            ends = np.concatenate([edges.i, edges.j])
+            counts += np.bincount(ends, minlength=part.num_own)[: part.num_own]
+        start = np.concatenate([[0], np.cumsum(counts)])
+        size = int(start[-1])
+        return _Rows(start, np.zeros_like(counts), np.empty(size, np.int32), np.empty((size, 3, 3)))
+
+    def append(
+        self, row: NDArray[np.int64], column: NDArray[np.int64], blocks: NDArray[np.float64]
+    ) -> None:
+        """To each of these rows."""
+        order = np.argsort(row, kind="stable")
+        row = row[order]
+        rank = np.arange(len(row)) - np.searchsorted(row, row)
+        at = self.start[row] + self.filled[row] + rank
+        self.column[at], self.blocks[at] = column[order], blocks[order]
+        self.filled[:] += np.bincount(row, minlength=len(self.filled))
+
+
 def make_operator(
     part: Part, R: Rotations, degree: NDArray[np.float64], component: NDArray[np.int64]
 ) -> Operator:
@@ -59,7 +97,7 @@ def make_operator(
     root = np.sqrt(some)
     Lambda = np.zeros((num_own, 3, 3))
     g = np.zeros((num_own, 3))
-    rows, columns, blocks = [], [], []
+    rows = _Rows.of(part)
     for edges, _ in part.blocks():
         i, j, w = edges.i, edges.j, edges.weights[:, None, None]
         scaled = (edges.weights / (root[i] * root[j]))[:, None, None] * edges.rotations
@@ -68,20 +106,15 @@ def make_operator(
             (j, i, scaled.transpose(0, 2, 1), edges.rotations.transpose(0, 2, 1)),
         ):
             mine = a < num_own
-            rows.append(a[mine])
-            columns.append(b[mine])
-            blocks.append(-B[mine])
+            rows.append(a[mine], b[mine], -B[mine])
             turned = i_from_j @ R[b].transpose(0, 2, 1) @ R[a]  # I, where there is no residual
             add_at(Lambda, a, w * turned)
             add_at(g, a, edges.weights[:, None] * vee_difference(turned))
     at = np.arange(num_own)
     own_degree = some[:num_own]
-    diagonal = 0.5 * (Lambda + Lambda.transpose(0, 2, 1)) / own_degree[:, None, None]
-    row, column = np.concatenate([*rows, at]), np.concatenate([*columns, at])
-    data = np.concatenate([*blocks, diagonal])
-    order = np.lexsort((column, row))
-    start = np.searchsorted(row[order], np.arange(num_own + 1))
-    matrix = bsr_array((data[order], column[order], start), shape=(3 * num_own, 3 * n))
+    rows.append(at, at, 0.5 * (Lambda + Lambda.transpose(0, 2, 1)) / own_degree[:, None, None])
+    start = rows.start
+    matrix = bsr_array((rows.blocks, rows.column, start), shape=(3 * num_own, 3 * n))
     ends = np.diff(start)
     # Of a product with 3 x 3 blocks: (3 q + 8) u |M| |y| entry by entry, |M| at most sqrt(3) times
     # the norm 1 of either of its halves; of the blocks themselves some (q + 100) u each.

@@ -107,7 +107,7 @@ class Rounds:
 
     def reweight(self, parts: list[Any], rotations: list[Any]) -> None:
         """Go on from rotations with other weights of the edges."""
-        self.network = Network(self.network.client, parts, self.network.neighbours)
+        self.network = Network(self.network.places, parts, self.network.neighbours)
         self._past.clear()
         self.state = self._measured(rotations)
 
@@ -212,10 +212,7 @@ def numbered(network: Network, pieces: Sequence[Any]) -> tuple[list[Any], NDArra
     """Pieces numbered one part after the other; the first of every part, and how many there are."""
     sizes = network.gather(network.each(_count, pieces))
     first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    return [
-        network.client.submit(np.add, piece, int(first[p]), pure=False)
-        for p, piece in enumerate(pieces)
-    ], first
+    return [network.at(p, np.add, piece, int(first[p])) for p, piece in enumerate(pieces)], first
 
 
 def _shared(values: NDArray[Any], first: NDArray[np.int64]) -> list[tuple[int, NDArray[Any]]]:

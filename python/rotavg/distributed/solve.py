@@ -194,8 +194,8 @@ def _robustly(rounds: Rounds, limits: Limits, seed: int) -> tuple[list[Round], s
     """Reweighted until the weights stay as they are; then to the tolerance."""
     base = rounds.network
     alone = base.each(solve_alone_robustly, deadline=limits.deadline)
-    told = base.gather([base.client.submit(_without_rotations, one, pure=False) for one in alone])
-    rotations = [base.client.submit(_rotations, one, pure=False) for one in alone]
+    told = base.gather([base.at(p, _without_rotations, one) for p, one in enumerate(alone)])
+    rotations = [base.at(p, _rotations, one) for p, one in enumerate(alone)]
     found = base.gather(base.with_neighbours(votes, rotations, rounds.all_pieces, seed=seed))
     Q, by_votes = robust_turns(found, rounds.num_pieces)
     loss = common_loss(told, by_votes)

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <vector>
 
 #include <Eigen/Core>
 
@@ -35,11 +36,21 @@ inline Eigen::MatrixXd apply_laplacian(const MeasurementGraph& graph, const Comp
 
 /// L of one component without the nodes that the elimination skips: positive definite if that is at
 /// least one.
+/// @param weights (m,) of the edges
+inline BlockCholesky<1>::Blocks grounded_laplacian(const MeasurementGraph& graph,
+                                                   Elimination& elimination,
+                                                   const std::vector<double>& weights) {
+  using Scalar = Eigen::Matrix<double, 1, 1>;
+  const auto degree = [&](Index i) {
+    double sum = 0.0;
+    for (const HalfEdge& h : graph.row(i)) sum += weights[h.edge()];
+    return Scalar(sum);
+  };
+  return elimination.assemble<1>(degree, [&](Index k) { return Scalar(-weights[k]); });
+}
 inline BlockCholesky<1>::Blocks grounded_laplacian(const MeasurementGraph& graph,
                                                    Elimination& elimination) {
-  using Scalar = Eigen::Matrix<double, 1, 1>;
-  return elimination.assemble<1>([&](Index i) { return Scalar(graph.degree(i)); },
-                                 [&](Index k) { return Scalar(-graph.edges()[k].weight); });
+  return grounded_laplacian(graph, elimination, graph.weights());
 }
 
 }  // namespace rotavg

@@ -35,13 +35,18 @@ class LaplacianMetric {
   }
 
   CholeskyOutcome factorize(const std::function<bool()>& keep_going) {
+    return factorize(graph_.weights(), keep_going);
+  }
+  /// The same with other weights (m,).
+  CholeskyOutcome factorize(const std::vector<double>& weights,
+                            const std::function<bool()>& keep_going) {
     factors_.clear();
     for (Elimination& elimination : eliminations_) {
       if (elimination.size() == 0) continue;
       factors_.push_back(
           {&elimination, BlockCholesky<1>(elimination.symbolic(), elimination.num_threads())});
       const auto outcome = factors_.back().cholesky.factorize(
-          grounded_laplacian(graph_, elimination), 0.0, keep_going);
+          grounded_laplacian(graph_, elimination, weights), 0.0, keep_going);
       if (outcome != CholeskyOutcome::positive_definite) return outcome;
     }
     return CholeskyOutcome::positive_definite;

@@ -11,6 +11,7 @@
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/reduction/riding.hpp>
+#include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -42,7 +43,7 @@ class ReducedGraph {
         weights_(given.weights()),
         riding_(std::move(riding)),
         kept_(edges_between_variables(given, riding_)),
-        graph_(measurements(others), rows(riding_.num_variables)) {}
+        graph_(reduced(others)) {}
   ReducedGraph(const MeasurementGraph&&, Riding,
                const std::vector<RelativeRotation>& = {}) = delete;
 
@@ -89,16 +90,22 @@ class ReducedGraph {
                                 std::to_string(expected) + ", one for each edge");
   }
 
-  std::vector<RelativeRotation> measurements(const std::vector<RelativeRotation>& others) const {
-    std::vector<RelativeRotation> result;
-    result.reserve(kept_.size() + others.size());
-    for (const Index k : kept_) {
-      const Edge& e = given_->edges()[k];
-      result.push_back({riding_.variable[e.i], riding_.variable[e.j],
-                        riding_.between(e.i, e.i_from_j(), e.j), e.weight});
-    }
-    result.insert(result.end(), others.begin(), others.end());
-    return result;
+  /// Edge i j as one between variables, C_i R_ij C_j^T; where both are nodes alone, bit by bit
+  /// R_ij.
+  MeasurementGraph reduced(const std::vector<RelativeRotation>& others) const {
+    const Quaternions C = to_quaternions(riding_.variable_from_node);
+    const auto measurement = [&](std::size_t k) -> RelativeQuaternion {
+      if (k >= kept_.size()) {
+        const RelativeRotation& m = others[k - kept_.size()];
+        return {m.i, m.j, WeightedQuaternion(m.i_from_j), m.weight};
+      }
+      const Edge& e = given_->edges()[kept_[k]];
+      const WeightedQuaternion rotated(product(C[e.i], e.quaternion));
+      return {riding_.variable[e.i], riding_.variable[e.j],
+              WeightedQuaternion(product(rotated, WeightedQuaternion(conjugated(C[e.j])))),
+              e.weight};
+    };
+    return MeasurementGraph(kept_.size() + others.size(), measurement, rows(riding_.num_variables));
   }
 
   static std::vector<NodeId> rows(Index num_variables) {

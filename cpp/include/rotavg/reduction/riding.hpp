@@ -40,11 +40,6 @@ struct Riding {
   /// Whether an edge between nodes i and j is one between two variables.
   bool joins(Index i, Index j) const { return variable[i] != variable[j]; }
 
-  /// C_i R_ij C_j^T, bit by bit R_ij where both ends are variables themselves.
-  Matrix3 between(Index i, const Matrix3& i_from_j, Index j) const {
-    return product_transposed(product(variable_from_node[i], i_from_j), variable_from_node[j]);
-  }
-
   /// R_i = Q_v(i) C_i (n,) from those of the variables.
   Rotations nodes_from(const Rotations& Q) const {
     Rotations R;

@@ -7,11 +7,13 @@
 
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/robust/inner.hpp>
-#include <rotavg/robust/irls.hpp>
 #include <rotavg/robust/loss.hpp>
-#include <rotavg/solve/automatic.hpp>
+#include <rotavg/robust/residuals.hpp>
+#include <rotavg/so3/quaternion.hpp>
+#include <rotavg/solve/monitor.hpp>
 #include <rotavg/solve/options.hpp>
 #include <rotavg/solve/result.hpp>
+#include <rotavg/solve/status.hpp>
 
 namespace rotavg {
 
@@ -37,24 +39,34 @@ inline std::vector<RobustLoss> graduation(const RobustLoss& loss) {
   return surrogates;
 }
 
-/// Graduated non-convexity: a reweighting or two for each surrogate, each from where the last one
-/// ended. While it lasts, the objective of the loss itself may rise; it is not reported. Losses
-/// that are not bounded have no surrogates.
+/// Graduated non-convexity: two reweightings for each surrogate, each from where the last one
+/// ended; none where its gradient has vanished already. While it lasts, the objective of the loss
+/// itself may rise; it is not reported. Losses that are not bounded have no surrogates.
 ///
 /// @returns rotations from which irls() may go on, and how many reweightings were made
 inline IterationResult gnc(const MeasurementGraph& graph, const Rotations& R,
                            const RobustLoss& loss, const std::vector<double>& precision,
                            const InnerSteps& inner, const IterationOptions& options) {
+  constexpr int reweightings = 2;
+  const Monitor monitor(graph, R, options);
+  Quaternions q = to_quaternions(R);
+  RobustResiduals residuals(graph, precision, monitor.num_threads());
   IterationResult result;
-  result.rotations = R;
+  const auto go_on = [&] {
+    return result.iterations < options.max_iterations && monitor.keep_going();
+  };
   for (const RobustLoss& surrogate : graduation(loss)) {
-    IterationOptions rest = remaining(options, result);
-    rest.max_iterations = std::min(rest.max_iterations, 2);
-    IterationResult next = irls(graph, result.rotations, surrogate, precision, inner, 0.0, rest);
-    next.iterations += result.iterations;
-    next.seconds += result.seconds;
-    result = std::move(next);
-    if (result.status == Status::stopped || result.status == Status::time_limit) break;
+    if (!go_on()) break;
+    residuals.update(q, surrogate);
+    if (residuals.gradient_norm().relative <= options.tolerance) continue;
+    for (int k = 0; k < reweightings && go_on(); ++k, ++result.iterations) {
+      inner(residuals, q, monitor);
+    }
+  }
+  result.rotations = to_rotations(q, R);
+  result.seconds = monitor.seconds();
+  if (!monitor.keep_going()) {
+    result.status = result.seconds < options.time_limit ? Status::stopped : Status::time_limit;
   }
   return result;
 }

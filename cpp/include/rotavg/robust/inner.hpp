@@ -21,19 +21,55 @@
 
 namespace rotavg {
 
-/// A few steps that lower the robust objective, in place, of a graph with the given weights and
-/// precisions (m,), in whose units the residuals are judged; empty: all 1.
-using InnerSteps = std::function<void(const MeasurementGraph&, const RobustLoss&,
-                                      const std::vector<double>&, Quaternions&, const Monitor&)>;
+/// A few steps that lower the robust objective, in place, from residuals at the rotations to
+/// residuals at where they ended.
+using InnerSteps = std::function<void(RobustResiduals&, Quaternions&, const Monitor&)>;
 
-/// The weighted graph of a reweighting, and its Laplacian in one order of elimination.
-struct WeightedWorkspace {
-  WeightedWorkspace(const MeasurementGraph& g, int threads)
-      : weighted(g),
-        components(connected_components(g)),
-        eliminations(grounded_eliminations(g, components, threads)),
-        metric(weighted, eliminations) {}
-  MeasurementGraph weighted;
+/// Two sweeps, each edge with the newest weight at every node.
+inline void two_sweeps(RobustResiduals& residuals, Quaternions& q, const Monitor& monitor) {
+  for (int k = 0; k < 2 && monitor.keep_going(); ++k) reweighted_sweep(residuals, q, monitor);
+  residuals.update(q);
+}
+
+/// One step R_i <- exp(w_i) R_i with w = -(4 L)^-1 gradient, L the Laplacian with the weights of
+/// the present residuals, in place: nearly Newton's, as weights are small where residuals are not.
+/// It is halved until the robust objective does not rise.
+inline void laplacian_step(RobustResiduals& residuals, LaplacianMetric& metric, Quaternions& q,
+                           const Monitor& monitor) {
+  constexpr int max_halvings = 10;
+  const MeasurementGraph& graph = residuals.graph();
+  const int num_threads = residuals.num_threads();
+  const auto keep_going = [&monitor] { return monitor.keep_going(); };
+  if (metric.factorize(residuals.weights(), keep_going) != CholeskyOutcome::positive_definite) {
+    return two_sweeps(residuals, q, monitor);
+  }
+  NodeVectors g(graph.num_nodes(), 3), w;
+  parallel_for(graph.num_nodes(), num_threads, [&](Index i) {
+    const Vector3 g_i = residuals.gradient(i);
+    for (int k = 0; k < 3; ++k) g(i, k) = -g_i(k);
+  });
+  metric.apply(g, w);
+  const double enough = residuals.objective() + objective_rounding(graph, residuals.objective());
+  Quaternions next(q);
+  double t = 1.0;
+  for (int k = 0; k < max_halvings; ++k, t *= 0.5) {
+    parallel_for(graph.num_nodes(), num_threads, [&](Index i) {
+      if (graph.row(i).size() > 0) next[i] = turned(q[i], t * row_of(w, i));
+    });
+    residuals.update(next);
+    if (residuals.objective() <= enough) return std::swap(q, next);
+  }
+  residuals.update(q);
+}
+
+/// A graph's Laplacian in one order of elimination.
+struct LaplacianWorkspace {
+  LaplacianWorkspace(const MeasurementGraph& graph, int threads)
+      : components(connected_components(graph)),
+        eliminations(grounded_eliminations(graph, components, threads)),
+        metric(graph, eliminations) {}
+  LaplacianWorkspace(const LaplacianWorkspace&) = delete;
+  LaplacianWorkspace& operator=(const LaplacianWorkspace&) = delete;
   Components components;
   std::vector<Elimination> eliminations;
   LaplacianMetric metric;
@@ -44,28 +80,27 @@ struct WeightedWorkspace {
 /// many reweightings.
 class SeldomFactored {
  public:
-  SeldomFactored(InnerSteps sweeps, int num_threads)
-      : sweeps_(std::move(sweeps)), num_threads_(num_threads) {}
+  explicit SeldomFactored(int num_threads) : num_threads_(num_threads) {}
 
-  void operator()(const MeasurementGraph& g, const RobustLoss& loss,
-                  const std::vector<double>& precision, Quaternions& q, const Monitor& monitor) {
+  void operator()(RobustResiduals& residuals, Quaternions& q, const Monitor& monitor) {
     constexpr int patience = 12;        // reweightings
     constexpr double max_flops = 1e10;  // a second or two
     const int iteration = monitor.iterations();
-    if (iteration < patience || sweeps_only_) return sweeps_(g, loss, precision, q, monitor);
+    if (iteration < patience || sweeps_only_) return two_sweeps(residuals, q, monitor);
     if (!workspace_) {
-      workspace_ = std::make_shared<WeightedWorkspace>(g, num_threads_);
+      workspace_ = std::make_shared<LaplacianWorkspace>(residuals.graph(), num_threads_);
       sweeps_only_ = workspace_->metric.flops(max_flops) > max_flops;
-      if (sweeps_only_) return sweeps_(g, loss, precision, q, monitor);
+      if (sweeps_only_) return two_sweeps(residuals, q, monitor);
     }
-    reweighted_sweep(g, loss, precision, q, monitor);
-    MeasurementGraph& weighted = workspace_->weighted;
-    weighted.set_weights(robust_weights(g, q, loss, precision, num_threads_));
+    reweighted_sweep(residuals, q, monitor);
+    residuals.update(q);
+    MeasurementGraph weighted = residuals.graph();
+    weighted.set_weights(residuals.weights());
     if (iteration < factored_at_ || iteration >= 2 * factored_at_) {
       const auto keep_going = [&monitor] { return monitor.keep_going(); };
       factored_at_ = iteration;
-      sweeps_only_ =
-          workspace_->metric.factorize(keep_going) == CholeskyOutcome::not_positive_definite;
+      sweeps_only_ = workspace_->metric.factorize(weighted.weights(), keep_going) ==
+                     CholeskyOutcome::not_positive_definite;
       if (sweeps_only_ || !monitor.keep_going()) return;
     }
     IterationOptions one;
@@ -74,25 +109,37 @@ class SeldomFactored {
     one.num_threads = num_threads_;
     one.keep_going = [&monitor] { return monitor.keep_going(); };
     const Rotations R = to_rotations(q);
-    ResidualQuaternions residuals(weighted, q, num_threads_);
-    q = to_quaternions(newton_iteration(weighted, R, Quaternions(q), residuals, workspace_->metric,
-                                        Monitor(weighted, R, one))
+    ResidualQuaternions least_squares(weighted, q, num_threads_);
+    q = to_quaternions(newton_iteration(weighted, R, Quaternions(q), least_squares,
+                                        workspace_->metric, Monitor(weighted, R, one))
                            .rotations);
+    residuals.update(q);
   }
 
  private:
-  InnerSteps sweeps_;
   int num_threads_;
-  std::shared_ptr<WeightedWorkspace> workspace_;  // made when it is first needed
+  std::shared_ptr<LaplacianWorkspace> workspace_;  // made when it is first needed
   int factored_at_ = 0;
   bool sweeps_only_ = false;
 };
 
+/// Two steps of the paper's parallel algorithm on the weighted problem.
+inline void two_sum_steps(RobustResiduals& residuals, Quaternions& q, const Monitor& monitor) {
+  IterationOptions limits;
+  limits.tolerance = 0.0;
+  limits.num_threads = residuals.num_threads();
+  limits.max_iterations = 2;
+  limits.keep_going = [&monitor] { return monitor.keep_going(); };
+  MeasurementGraph weighted = residuals.graph();
+  weighted.set_weights(residuals.weights());
+  q = to_quaternions(sum(weighted, to_rotations(q), limits).rotations);
+  residuals.update(q);
+}
+
 /// The steps of one reweighting: few, since the weights are not final.
 ///
 /// - bcd: two sweeps, whose weights are the newest at every node. sum: two steps.
-/// - newton: a sweep and one step, which factors the weighted Laplacian anew in the old order of
-///   elimination.
+/// - newton: a sweep and one laplacian_step(), which factors anew in the old order of elimination.
 /// - automatic: newton where the Laplacian factors quickly: in the time of some ten sweeps, or a
 ///   moment, if the graph is sparse, and else in that of the sweeps which it replaces. Cameras
 ///   along a street or a ring have such Laplacians, whatever their number of neighbours, and on
@@ -105,37 +152,20 @@ inline InnerSteps inner_steps(const MeasurementGraph& graph, Method method, int 
   const double max_flops = degree > sparse_degree
                                ? flops_of_sweeps * graph.num_edges()
                                : std::max(2e8, 5.0 * flops_of_sweeps * graph.num_edges());
-  const auto sweeps = [](const MeasurementGraph& g, const RobustLoss& loss,
-                         const std::vector<double>& precision, Quaternions& q,
-                         const Monitor& monitor) {
-    for (int k = 0; k < 2 && monitor.keep_going(); ++k) {
-      reweighted_sweep(g, loss, precision, q, monitor);
-    }
-  };
-  if (method == Method::bcd) return sweeps;
+  if (method == Method::bcd) return two_sweeps;
+  if (method == Method::sum) return two_sum_steps;
   // A factor holds at least one entry for an edge, and takes at least the square of these over n.
   const bool dense = 0.5 * degree * graph.num_edges() > max_flops;
-  if (method == Method::automatic && dense) return SeldomFactored(sweeps, num_threads);
+  if (method == Method::automatic && dense) return SeldomFactored(num_threads);
 
-  const auto workspace = std::make_shared<WeightedWorkspace>(graph, num_threads);
+  const auto workspace = std::make_shared<LaplacianWorkspace>(graph, num_threads);
   if (method == Method::automatic && workspace->metric.flops(max_flops) > max_flops) {
-    return SeldomFactored(sweeps, num_threads);
+    return SeldomFactored(num_threads);
   }
-  IterationOptions options;
-  options.tolerance = 0.0;
-  options.num_threads = num_threads;
-  options.max_iterations = method == Method::sum ? 2 : 1;
-  return [=](const MeasurementGraph& g, const RobustLoss& loss,
-             const std::vector<double>& precision, Quaternions& q, const Monitor& monitor) {
-    IterationOptions limits = options;
-    limits.keep_going = [&monitor] { return monitor.keep_going(); };
-    if (method != Method::sum) reweighted_sweep(g, loss, precision, q, monitor);
-    MeasurementGraph& weighted = workspace->weighted;
-    weighted.set_weights(robust_weights(g, q, loss, precision, num_threads));
-    const Rotations R = to_rotations(q);
-    q = to_quaternions(method == Method::sum
-                           ? sum(weighted, R, limits).rotations
-                           : newton(weighted, R, workspace->metric, limits).rotations);
+  return [=](RobustResiduals& residuals, Quaternions& q, const Monitor& monitor) {
+    reweighted_sweep(residuals, q, monitor);
+    residuals.update(q);
+    if (monitor.keep_going()) laplacian_step(residuals, workspace->metric, q, monitor);
   };
 }
 

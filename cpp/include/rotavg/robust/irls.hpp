@@ -35,14 +35,14 @@ inline IterationResult irls(const MeasurementGraph& graph, const Rotations& R,
   RobustResiduals residuals(graph, precision, monitor.num_threads());
   double last = std::numeric_limits<double>::infinity();
   bool gains = true;
+  residuals.update(q, loss);
   for (;;) {
-    residuals.update(q, loss);
     const double objective = residuals.objective();
     if (monitor.should_stop(objective, residuals.gradient_norm(), 0.0)) break;
     gains = last - objective > least_gain * objective;
     last = objective;
     if (!gains) break;
-    inner(graph, loss, precision, q, monitor);
+    inner(residuals, q, monitor);
   }
   IterationResult result = std::move(monitor).result(to_rotations(q, R));
   if (!gains) result.status = Status::step_converged;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/robust/radix_sort.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
@@ -109,7 +110,7 @@ class Neighbourhoods {
     constexpr double rounding2 = 1e-24, most2 = 0.25;
     constexpr double tenth_of_half_normal = 0.1257, median_below_three = 0.6724;
     if (x.empty()) return rounding2;
-    std::sort(x.begin(), x.end());
+    radix_sort(x);
     double s2 = x[x.size() / 10] / (tenth_of_half_normal * tenth_of_half_normal);
     for (int k = 0; k < 100; ++k) {
       const auto below = std::upper_bound(x.begin(), x.end(), 9.0 * s2) - x.begin();

@@ -7,6 +7,7 @@
 
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/huge_pages.hpp>
+#include <rotavg/parallel/prefetch.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
@@ -18,14 +19,18 @@
 
 namespace rotavg {
 
-/// The squared chords r^2 = 4 sin^2(angle / 2) of the residual angles (m,), 0 to 4, whatever the
-/// weights.
-inline void squared_residuals(const ResidualQuaternions& residuals, std::vector<double>& x) {
-  const auto& e = residuals();
-  x.resize(e.size());
-  parallel_for(static_cast<Index>(e.size()), residuals.num_threads(), [&](Index k) {
-    const double v2 = e[k].head<3>().squaredNorm();
-    x[k] = 4.0 * v2 / (v2 + e[k].w() * e[k].w());
+/// The squared chord r^2 = 4 sin^2(angle / 2), 0 to 4, of a residual quaternion of any length.
+inline double squared_chord(const Vector4& e) {
+  const double v2 = vector_square(e);
+  return 4.0 * v2 / (v2 + e.w() * e.w());
+}
+
+/// The same of all edges (m,).
+inline void squared_residuals(const MeasurementGraph& graph, const Quaternions& q, int num_threads,
+                              std::vector<double>& x) {
+  x.resize(graph.edges().size());
+  parallel_for(graph.num_edges(), num_threads, [&](Index k) {
+    x[k] = squared_chord(residual_quaternion(graph.quaternion_edges()[k], q));
   });
 }
 
@@ -50,17 +55,8 @@ inline void robust_weights(const std::vector<double>& weights, const std::vector
   });
 }
 
-/// The same for the residuals of a graph with the given weights.
-inline std::vector<double> robust_weights(const MeasurementGraph& graph, const Quaternions& q,
-                                          const RobustLoss& loss,
-                                          const std::vector<double>& precision, int num_threads) {
-  std::vector<double> x, result;
-  squared_residuals(ResidualQuaternions(graph, q, num_threads), x);
-  robust_weights(graph.weights(), x, loss, precision, num_threads, result);
-  return result;
-}
-
-/// The robust objective and its gradient, from one pass over the edges.
+/// The robust objective, its gradient and the weights of the least squares that bound it, from one
+/// pass over the edges.
 class RobustResiduals {
  public:
   /// @param graph with the given weights; must outlive this object
@@ -72,14 +68,24 @@ class RobustResiduals {
         num_threads_(num_threads),
         pull_(graph.edges().size()) {}
 
+  const MeasurementGraph& graph() const { return *graph_; }
+  const std::vector<double>& precision() const { return *precision_; }
+  const RobustLoss& loss() const { return loss_; }
+  int num_threads() const { return num_threads_; }
+
   /// Moves to other rotations, or another loss.
   void update(const Quaternions& q, const RobustLoss& loss) {
-    objective_ = block_sum<double>(graph_->num_edges(), num_threads_, [&, loss](Index k) {
+    loss_ = loss;
+    update(q);
+  }
+  void update(const Quaternions& q) {
+    objective_ = block_sum<double>(graph_->num_edges(), num_threads_, [&, loss = loss_](Index k) {
+      prefetch_ahead(graph_->quaternion_edges(), k);
       const Vector4 e = residual_quaternion(graph_->quaternion_edges()[k], q);
-      const double v2 = e.head<3>().squaredNorm(), weight = v2 + e.w() * e.w();
-      const double x = 4.0 * v2 / weight, precision = precision_of(*precision_, k);
-      const double share = weight_share(loss, x, precision);
-      pull_[k] << share * e.w() * e.head<3>(), share * weight;
+      const double weight = vector_square(e) + e.w() * e.w();
+      const double x = squared_chord(e), precision = precision_of(*precision_, k);
+      const double share = weight_share(loss, x, precision), s = share * e.w();
+      pull_[k] = {s * e.x(), s * e.y(), s * e.z(), share * weight};
       return weight * robust_cost(loss, x, precision);
     });
     objective_ *= 2.0;
@@ -87,28 +93,51 @@ class RobustResiduals {
 
   double objective() const { return objective_; }
 
-  /// Of the weighted problem, and so of the robust one.
+  /// The gradient at node l in the global frame, R_l <- exp(w) R_l: of the weighted problem, and so
+  /// of the robust one.
+  Vector3 gradient(Index l) const {
+    const Vector4 sum = pull_on(l);
+    return {8.0 * sum.x(), 8.0 * sum.y(), 8.0 * sum.z()};
+  }
+
   GradientNorm gradient_norm() const {
     const auto sums = block_sum<GradientSums>(graph_->num_nodes(), num_threads_, [&](Index l) {
       if (graph_->row(l).size() == 0) return GradientSums{};
-      Vector4 sum = Vector4::Zero();
-      for (const HalfEdge& h : graph_->row(l)) {
-        const Vector4& pull = pull_[h.edge()];
-        sum.head<3>() += (h.is_i() ? 1.0 : -1.0) * pull.head<3>();
-        sum.w() += pull.w();
-      }
-      const double square = 64.0 * sum.head<3>().squaredNorm();
+      const Vector4 sum = pull_on(l);
+      const double square = 64.0 * vector_square(sum);
       return GradientSums{square, std::sqrt(square) / sum.w()};
     });
     return {std::sqrt(sums.squares), sums.largest};
   }
 
+  /// The weights (m,) of the least squares that bound the objective and touch it here.
+  const std::vector<double>& weights() {
+    weights_.resize(pull_.size());
+    parallel_for(graph_->num_edges(), num_threads_,
+                 [&](Index k) { weights_[k] = std::max(min_weight, pull_[k].w()); });
+    return weights_;
+  }
+
  private:
+  /// An eighth of the gradient at node l, and its degree.
+  Vector4 pull_on(Index l) const {
+    Vector4 sum(0.0, 0.0, 0.0, 0.0);
+    for (const HalfEdge& h : graph_->row(l)) {
+      const Vector4& pull = pull_[h.edge()];
+      const double sign = h.is_i() ? 1.0 : -1.0;
+      for (int k = 0; k < 3; ++k) sum(k) += sign * pull(k);
+      sum(3) += pull(3);
+    }
+    return sum;
+  }
+
   const MeasurementGraph* graph_;
   const std::vector<double>* precision_;
   int num_threads_;
   LargeVector<Vector4> pull_;  ///< (m,) an eighth of the gradient at i, and the weight
+  RobustLoss loss_;
   double objective_ = 0.0;
+  std::vector<double> weights_;
 };
 
 }  // namespace rotavg

@@ -16,6 +16,22 @@
 
 namespace rotavg {
 
+/// weight_share() of four edges, in the same arithmetic.
+EIGEN_STRONG_INLINE void weight_shares(const RobustLoss& loss, const Lanes& x,
+                                       const Lanes& precision, Lanes& share) {
+  const Lanes z1 = 1.0 + precision * x * (1.0 / (loss.scale * loss.scale));
+  Lanes weight;
+  if (loss.kind == Loss::cauchy) {
+    weight = 1.0 / z1;
+  } else if (loss.kind == Loss::geman_mcclure) {
+    weight = 1.0 / (z1 * z1);
+  } else {
+    for (int a = 0; a < 4; ++a) weight[a] = loss.weight(x[a], precision[a]);
+  }
+  for (int a = 0; a < 4; ++a) share[a] = least_share(loss, precision[a]);
+  share += (1.0 - share) * weight;
+}
+
 /// DavenportSum over estimates p = q b of a rotation r, each of which counts as much as a loss
 /// leaves of its weight, with its residual in units of its precision; four of them at a time.
 class ReweightedDavenportSum {
@@ -55,7 +71,7 @@ class ReweightedDavenportSum {
     }
     const Lanes x = 4.0 * off2 / (weight + tiny);
     Lanes share;
-    for (int a = 0; a < 4; ++a) share[a] = weight_share(loss_, x[a], precision_[a]);
+    weight_shares(loss_, x, precision_, share);
     for (int a = 0, k = 0; a < 4; ++a) {
       const Lanes weighted = share * p_[a];
       for (int b = 0; b <= a; ++b, ++k) sums_[k] += weighted * p_[b];
@@ -76,18 +92,17 @@ class ReweightedDavenportSum {
 /// objective from above, it never rises; and as they are newer than weights held through a sweep,
 /// fewer sweeps do. Ends early where the monitor does not let it go on.
 ///
-/// @param graph with the given weights
-/// @param precision (m,) in whose units the residuals are judged; empty: all 1
-inline void reweighted_sweep(const MeasurementGraph& graph, const RobustLoss& loss,
-                             const std::vector<double>& precision, Quaternions& q,
+/// @param residuals whose loss and precisions it takes; they stay where they were
+inline void reweighted_sweep(const RobustResiduals& residuals, Quaternions& q,
                              const Monitor& monitor) {
   constexpr Index nodes_between_questions = 4096;
+  const MeasurementGraph& graph = residuals.graph();
   for (Index l = 0; l < graph.num_nodes(); ++l) {
     if (l + 1 < graph.num_nodes()) prefetch_row(graph, q, l + 1);
     if (graph.row(l).size() == 0) continue;
-    ReweightedDavenportSum K(q[l], loss);
+    ReweightedDavenportSum K(q[l], residuals.loss());
     for (const HalfEdge& h : graph.row(l)) {
-      K.add(q[h.node], h.node_from_l, precision_of(precision, h.edge()));
+      K.add(q[h.node], h.node_from_l, precision_of(residuals.precision(), h.edge()));
     }
     q[l] = loso(K.matrix(), q[l]);
     if (l % nodes_between_questions == 0 && !monitor.keep_going()) break;

@@ -15,6 +15,7 @@
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/scale.hpp>
+#include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/solve.hpp>
 #include <rotavg/solve/stopwatch.hpp>
 
@@ -50,7 +51,7 @@ class RobustRun {
   const std::vector<double>& given() const { return given_; }
   const std::vector<double>& precision() const { return units_.precision; }
   const std::vector<double>& squared_residuals_at(const Rotations& R) {
-    squared_residuals(ResidualQuaternions(graph_, to_quaternions(R), num_threads_), x_);
+    squared_residuals(graph_, to_quaternions(R), num_threads_, x_);
     return x_;
   }
   /// What every series of edges leaves over, in units of its precision.

@@ -7,6 +7,7 @@
 
 #include <rotavg/graph/series.hpp>
 #include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/radix_sort.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -60,7 +61,7 @@ inline double noise_scale(const std::vector<double>& x, Index num_cycles) {
     r.push_back(std::sqrt(x[k]));
   }
   if (r.empty() || num_cycles <= 0) return least_noise;
-  std::sort(r.begin(), r.end());
+  radix_sort(r);
   double s = std::max(least_noise, r[r.size() / 10] / tenth_of_half_normal);
   for (int k = 0; k < 100; ++k) {
     const auto below = std::upper_bound(r.begin(), r.end(), 3.0 * s) - r.begin();

@@ -26,6 +26,9 @@ struct RobustOptions {
   WeightKind weight_kind = WeightKind::automatic;
   EdgeKnowledge known;
   bool priors = true;  ///< whether the loss is that of absolute priors and gravity, too
+  /// False: the initial value is an answer already, of nearly the same problem. Neither the loss l1
+  /// nor graduated non-convexity looks for another one from there. (Step 5 never does.)
+  bool search = true;
 };
 
 /// What a robust loss has made of absolute priors, or of gravity.
@@ -73,7 +76,8 @@ struct RobustSolution : Solution {
 ///    that no rotations have a smaller weighted sum of squares, not that no others have a smaller
 ///    robust objective or better weights.
 ///
-/// @param start an initial value to use instead of step 1's least squares
+/// @param start an initial value to use instead of step 1's least squares; with one, step 5 is left
+///        out
 /// @throws std::invalid_argument for an option out of range, knowledge of the edges that does not
 ///         fit the graph, or if `start` does not hold a rotation for each node
 ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,

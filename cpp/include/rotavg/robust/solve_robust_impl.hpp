@@ -74,7 +74,7 @@ inline std::vector<Alternative> told(const MeasurementGraph& graph, const Checke
                                      const std::vector<double>& precision, int num_threads) {
   const auto residuals_at = [&](const Rotations& rotations) {
     std::vector<double> x;
-    squared_residuals(ResidualQuaternions(graph, to_quaternions(rotations), num_threads), x);
+    squared_residuals(graph, to_quaternions(rotations), num_threads, x);
     for (std::size_t k = 0; k < x.size(); ++k) x[k] *= precision_of(precision, k) / (noise * noise);
     return x;
   };
@@ -149,7 +149,8 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   Rotations R = start ? part.of_nodes(checked_rotations(graph, std::move(*start)))
                       : run.least_squares(part.of_edges(robust.known.initial_weights), init);
   std::vector<Rotations> starts{R};
-  const bool knows_weights = !robust.known.initial_weights.empty();
+  const bool refines = start && !robust.search;
+  const bool knows_weights = refines || !robust.known.initial_weights.empty();
   const IterationResult l1 =
       run.reweighted(R, {Loss::l1, l1_scale}, l1_gain, go_on() && !knows_weights ? l1_limit : 0);
   R = l1.rotations;
@@ -168,7 +169,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   loss.scale = robust.scale;
   if (loss.scale == 0.0) loss.scale = default_scale(loss.kind, part.series().freedom()) * noise;
   const double prepared = run.seconds();
-  if (go_on()) R = run.graduated(R, loss);
+  if (go_on() && !refines) R = run.graduated(R, loss);
   const bool compares =
       robust.loss == Loss::automatic && !start && options.init == Initialization::automatic;
   const auto settle = [&](const Rotations& from, int limit) {
@@ -203,7 +204,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   R = part.extended(reweighted.rotations);
   std::vector<double> x, weights;
   const auto update_residuals = [&] {
-    squared_residuals(ResidualQuaternions(weighted, to_quaternions(R), run.num_threads()), x);
+    squared_residuals(weighted, to_quaternions(R), run.num_threads(), x);
   };
   update_residuals();
   robust_weights(given, x, loss, units.precision, run.num_threads(), weights);

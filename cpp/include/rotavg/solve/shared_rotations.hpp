@@ -12,6 +12,7 @@
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/small_eigen.hpp>
+#include <rotavg/linalg/small_inverse.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/problem/laplacian_metric.hpp>
@@ -72,80 +73,55 @@ class SharedMetric {
   /// @param degrees (variables + shared,)
   SharedMetric(const MeasurementGraph& graph, const SharedRiding& problem,
                LaplacianMetric* laplacian, const Eigen::VectorXd& degrees)
-      : graph_(graph), problem_(problem), laplacian_(laplacian), degrees_(degrees) {}
+      : graph_(graph), problem_(problem), laplacian_(laplacian), degrees_(degrees) {
+    const Index V = problem.riding.num_variables;
+    for (Index s = 0; s < problem.num_shared; ++s) {
+      if (degrees(V + s) > 0.0) used_.push_back(s);  // another one no node has
+    }
+  }
 
   /// @param frame (n,) Q_v(i) K_i
   void update(const Rotations& frame) {
-    const Index V = problem_.riding.num_variables, S = problem_.num_shared;
-    solved_.assign(static_cast<std::size_t>(3 * S), NodeVectors());
+    const Index V = problem_.riding.num_variables, n = static_cast<Index>(frame.size());
+    const auto size = static_cast<Index>(3 * used_.size());
+    solved_.assign(static_cast<std::size_t>(size), NodeVectors());
     across_ = solved_;
-    Eigen::MatrixXd schur(3 * S, 3 * S);
-    const auto n = static_cast<Index>(frame.size());
-    NodeVectors w(n, 3), h(n, 3), all(V + S, 3);
-    for (Index c = 0; c < 3 * S; ++c) {
-      if (degrees_(V + c / 3) == 0.0) {
-        across_[c] = solved_[c] = NodeVectors::Zero(V, 3);
-        schur.col(c).setZero();
-        continue;
-      }
-      w.setZero();
+    Eigen::MatrixXd schur(size, size);
+    NodeVectors h[3], all;
+    for (Index u = 0; u < size; u += 3) {
+      for (NodeVectors& of_axis : h) of_axis.setZero(n, 3);
       for (Index i = 0; i < n; ++i) {
-        if (problem_.shared[i] == c / 3) w.row(i) = frame[i].col(c % 3).transpose();
+        if (problem_.shared[i] == used_[u / 3]) add_column(i, frame[i], h);
       }
-      h.setZero();
-      for (const Edge& e : graph_.edges()) {
-        const Eigen::RowVector3d d = 4.0 * e.weight * (w.row(e.i) - w.row(e.j));
-        h.row(e.i) += d;
-        h.row(e.j) -= d;
+      for (Index axis = 0; axis < 3; ++axis) {
+        const Index c = u + axis;
+        gather(frame, h[axis], all);
+        across_[c] = all.topRows(V);
+        apply_laplacian(across_[c], solved_[c]);
+        for (Index d = 0; d < size; ++d) schur(d, c) = all(V + used_[d / 3], d % 3);
       }
-      gather(frame, h, all);
-      across_[c] = all.topRows(V);
-      apply_laplacian(across_[c], solved_[c]);
-      for (Index s = 0; s < S; ++s) schur.col(c).segment<3>(3 * s) = all.row(V + s).transpose();
     }
-    for (Index c = 0; c < 3 * S; ++c) {
-      for (Index d = 0; d < 3 * S; ++d) {
+    for (Index c = 0; c < size; ++c) {
+      for (Index d = 0; d < size; ++d) {
         schur(c, d) -= across_[c].cwiseProduct(solved_[d]).sum();
       }
     }
-    // Scaled by the degrees; directions that cost nothing are left alone.
-    constexpr double nothing = 1e-9;
-    Eigen::VectorXd scale(3 * S);
-    for (Index c = 0; c < 3 * S; ++c) {
-      const double degree = degrees_(V + c / 3);  // zero of one that no node has
-      scale(c) = degree > 0.0 ? 1.0 / std::sqrt(4.0 * degree) : 0.0;
-    }
-    schur = scale.asDiagonal() * (0.5 * (schur + schur.transpose())) * scale.asDiagonal();
-    const SmallEigen eigen = small_eigen(schur);
-    Eigen::VectorXd inverse = eigen.values;
-    determined_.assign(static_cast<std::size_t>(S), true);
-    for (Index k = 0; k < 3 * S; ++k) {
-      if (inverse(k) > nothing) {
-        inverse(k) = 1.0 / inverse(k);
-        continue;
-      }
-      inverse(k) = 0.0;
-      for (Index c = 0; c < 3 * S; ++c) {
-        if (std::abs(eigen.vectors(c, k)) > 1e-3) determined_[c / 3] = false;
-      }
-    }
-    inverse_ = scale.asDiagonal() * eigen.vectors * inverse.asDiagonal() *
-               eigen.vectors.transpose() * scale.asDiagonal();
+    invert(0.5 * (schur + schur.transpose()));
   }
 
   /// M^-1 r.
   void apply(const NodeVectors& r, NodeVectors& result) {
-    const Index V = problem_.riding.num_variables, S = problem_.num_shared;
+    const Index V = problem_.riding.num_variables;
     apply_laplacian(r.topRows(V), above_);
-    Eigen::VectorXd rest(3 * S);
-    for (Index c = 0; c < 3 * S; ++c) {
-      rest(c) = r(V + c / 3, c % 3) - across_[c].cwiseProduct(above_).sum();
+    Eigen::VectorXd rest(inverse_.rows());
+    for (Index c = 0; c < rest.size(); ++c) {
+      rest(c) = r(V + used_[c / 3], c % 3) - across_[c].cwiseProduct(above_).sum();
     }
     rest = inverse_ * rest;
-    result.resize(V + S, 3);
-    for (Index c = 0; c < 3 * S; ++c) {
+    result.setZero(V + problem_.num_shared, 3);
+    for (Index c = 0; c < rest.size(); ++c) {
       above_ -= rest(c) * solved_[c];
-      result(V + c / 3, c % 3) = rest(c);
+      result(V + used_[c / 3], c % 3) = rest(c);
     }
     result.topRows(V) = above_;
   }
@@ -175,6 +151,49 @@ class SharedMetric {
   }
 
  private:
+  /// Adds 4 L w to h[axis], w the columns of Q_v(i) K_i at node i and zero elsewhere.
+  void add_column(Index i, const Matrix3& frame, NodeVectors (&h)[3]) const {
+    for (const HalfEdge& e : graph_.row(i)) {
+      const double weight = 4.0 * e.node_from_l.squaredNorm();
+      for (Index axis = 0; axis < 3; ++axis) {
+        for (Index k = 0; k < 3; ++k) {
+          const double d = weight * frame(k, axis);
+          h[axis](i, k) += d;
+          h[axis](e.node, k) -= d;
+        }
+      }
+    }
+  }
+
+  /// The inverse of the Schur complement, scaled by the degrees; directions that cost nothing are
+  /// left alone.
+  void invert(Eigen::MatrixXd schur) {
+    constexpr double nothing = 1e-9, part = 1e-3;
+    const Index V = problem_.riding.num_variables, size = static_cast<Index>(schur.rows());
+    Eigen::VectorXd scale(size);
+    for (Index c = 0; c < size; ++c) scale(c) = 1.0 / std::sqrt(4.0 * degrees_(V + used_[c / 3]));
+    schur = scale.asDiagonal() * schur * scale.asDiagonal();
+    determined_.assign(static_cast<std::size_t>(problem_.num_shared), false);
+    for (const Index s : used_) determined_[s] = true;
+    inverse_ = schur;
+    inverse_.diagonal().array() -= nothing;
+    if (!invert_positive_definite(inverse_)) {
+      const SmallEigen eigen = small_eigen(schur);
+      Eigen::VectorXd inverse = Eigen::VectorXd::Zero(size);
+      for (Index k = 0; k < size; ++k) {
+        if (eigen.values(k) > nothing) {
+          inverse(k) = 1.0 / eigen.values(k);
+          continue;
+        }
+        for (Index c = 0; c < size; ++c) {
+          if (std::abs(eigen.vectors(c, k)) > part) determined_[used_[c / 3]] = false;
+        }
+      }
+      inverse_ = eigen.vectors * inverse.asDiagonal() * eigen.vectors.transpose();
+    }
+    inverse_ = scale.asDiagonal() * inverse_ * scale.asDiagonal();
+  }
+
   void apply_laplacian(const NodeVectors& v, NodeVectors& result) {
     if (laplacian_ != nullptr) return laplacian_->apply(v, result);
     result = v;
@@ -187,6 +206,7 @@ class SharedMetric {
   const SharedRiding& problem_;
   LaplacianMetric* laplacian_;
   const Eigen::VectorXd& degrees_;
+  std::vector<Index> used_;                   // shared rotations of some node
   std::vector<NodeVectors> across_, solved_;  // the columns of B, and of (4 L)^-1 B
   Eigen::MatrixXd inverse_;
   std::vector<bool> determined_;
