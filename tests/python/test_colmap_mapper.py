@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sqlite3
 from contextlib import closing
 from pathlib import Path
@@ -186,3 +187,35 @@ def test_images_writes_the_database_too(room: Path, tmp_path: Path) -> None:
     done = run(*arguments, tmp_path / "g.db")
     assert done.returncode == 2
     assert "there is a file already" in done.stderr
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a limit on the size of files")
+@pytest.mark.parametrize("what", ["create_database", "write_rotations"])
+def test_a_full_disk_is_told_and_leaves_nothing(
+    database: Path, measured: images.Measurement, tmp_path: Path, what: str
+) -> None:
+    import resource
+
+    solution = rotavg.solve(rotavg.read(database))
+    told_by, tell = os.pipe()
+    child = os.fork()
+    if child == 0:
+        limit = database.stat().st_size // 2
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+        try:
+            if what == "create_database":
+                colmap.create_database(tmp_path / "new.db", measured)
+            else:
+                colmap.write_rotations(database, solution, tmp_path / "new.db")
+            outcome = "written"
+        except BaseException as error:
+            outcome = f"{type(error).__name__}: {error}"
+        os.write(tell, outcome.encode())
+        os._exit(0)
+    os.close(tell)
+    with os.fdopen(told_by, "rb") as stream:
+        outcome = stream.read().decode()
+    assert os.waitpid(child, 0)[1] == 0
+    assert outcome.startswith("FileAccessError")
+    assert "cannot be written: disk I/O error" in outcome
+    assert not list(tmp_path.iterdir())

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from rotavg.base.errors import require
+from rotavg.colmap.new_database import new_database
 from rotavg.graph.conventions import quaternions_from_matrices
 from rotavg.images import Measurement, Pair, Photograph
 from rotavg.images.epipolar import essential_matrix
-from rotavg.io.atomic import new_file
 
 
 def create_database(path: str | os.PathLike[str], measured: Measurement) -> None:
@@ -20,10 +20,10 @@ def create_database(path: str | os.PathLike[str], measured: Measurement) -> None
 
     Image k is the k-th photograph, from 1. Photographs of equal size and focal length share a
     camera, SIMPLE_RADIAL with no distortion yet. Raises FileAccessError if there is a file
-    already, MissingExtraError without pycolmap.
+    already or it cannot be written, MissingExtraError without pycolmap.
     """
     pycolmap = require("pycolmap", "colmap")
-    with new_file(Path(path)) as temporary:
+    with new_database(Path(path)) as temporary:
         database = pycolmap.Database.open(temporary)
         _write_images(pycolmap, database, measured.photographs)
         image_id = {photo.name: k for k, photo in enumerate(measured.photographs, 1)}

@@ -19,6 +19,7 @@ import numpy as np
 
 import rotavg
 from rotavg.base.errors import FileAccessError, FormatError, OptionError, SolverError, require
+from rotavg.colmap.new_database import writing
 from rotavg.colmap.two_views import (
     complete_poses,
     copy_database,
@@ -91,7 +92,8 @@ def reconstruct(
         solve_options: further ones of `rotavg.solve`.
 
     Raises:
-        FileAccessError: `output` is there already and not empty, or a file cannot be read.
+        FileAccessError: `output` is there already and not empty, or a file cannot be read or
+            written.
         FormatError: the database holds no relative rotations.
         SolverError: the mapper failed; the message has its last words.
         MissingExtraError: pycolmap is not there.
@@ -104,7 +106,8 @@ def reconstruct(
     if not images.is_dir():
         raise FileAccessError("cannot be read: there is no such folder", path=images)
     check_new_folder(output)
-    with tempfile.TemporaryDirectory(dir=output.parent, prefix=f".{output.name}.") as temporary:
+    beside = tempfile.TemporaryDirectory(dir=output.parent, prefix=f".{output.name}.")
+    with writing(output), beside as temporary:
         folder = Path(temporary)
         measured = folder / "measured.db"
         copy_database(Path(database), measured)

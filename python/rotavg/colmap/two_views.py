@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.base.errors import require
+from rotavg.colmap.new_database import new_database, writing
 from rotavg.graph.conventions import convert_family, quaternions_from_matrices, wxyz_from_xyzw
-from rotavg.io.atomic import new_file
 from rotavg.io.colmap_sqlite import opened, pair_of
 from rotavg.io.registry import SolutionLike
 
@@ -34,12 +34,12 @@ def write_rotations(
     are: directions in the second image's frame.
 
     Returns the number of pairs that were contradicted. Raises FileAccessError if `output` is there
-    already, FormatError if `database` is not one of COLMAP's.
+    already or cannot be written, FormatError if `database` is not one of COLMAP's.
     """
     camera_from_world = convert_family(np.asarray(solution.rotations, dtype=np.float64), "vision")
     row = {name: k for k, name in enumerate(solution.graph.nodes.tolist())}
     dropped = 0
-    with new_file(Path(output)) as temporary:
+    with new_database(Path(output)) as temporary:
         copy_database(Path(database), temporary)
         with closing(sqlite3.connect(temporary)) as copy:
             names = dict(copy.execute("SELECT image_id, name FROM images"))
@@ -62,11 +62,15 @@ def write_rotations(
 
 
 def copy_database(database: Path, output: Path) -> None:
-    """Copy a database, what its log holds included; the original is opened read-only."""
+    """Copy a database, what its log holds included; the original is opened read-only.
+
+    Raises FormatError if it is none of COLMAP's, FileAccessError if the copy cannot be written.
+    """
     with opened(database) as source, closing(sqlite3.connect(output)) as copy:
         for table in ("images", "two_view_geometries"):  # or it is no database of COLMAP's
             source.execute(f"SELECT 1 FROM {table} LIMIT 1")
-        source.backup(copy)
+        with writing(output):
+            source.backup(copy)
 
 
 def complete_poses(database: Path) -> int:
