@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include <Eigen/Core>
@@ -18,5 +19,8 @@ using NodeId = std::int64_t;
 
 /// One rotation per node, `world_from_i`: x_world = R_i x_i, so that R_i R_ij = R_j.
 using Rotations = std::vector<Matrix3>;
+
+/// The largest relative error of one rounded operation, u = 2^-53.
+constexpr double unit_roundoff = 0.5 * std::numeric_limits<double>::epsilon();
 
 }  // namespace rotavg

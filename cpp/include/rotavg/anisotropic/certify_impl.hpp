@@ -15,6 +15,7 @@
 #include <rotavg/anisotropic/residuals.hpp>
 #include <rotavg/anisotropic/split.hpp>
 #include <rotavg/certify/component_certificate.hpp>
+#include <rotavg/certify/proof_costs.hpp>
 #include <rotavg/certify/random_start.hpp>
 #include <rotavg/compiled.hpp>
 #include <rotavg/graph/components.hpp>
@@ -69,11 +70,12 @@ inline double cost_of_product(std::size_t num_edges) {
 /// @param num_edges of the component
 inline bool is_random_start_better(std::size_t num_edges, Elimination& elimination,
                                    bool can_factorize, const CertificateOptions& options) {
-  constexpr double quick = 1e9, worth_certainty = 3.0, usual_products = 130.0;
+  using Costs = ProofCosts;
   if (!(options.failure_probability > 0.0)) return false;
-  const double by_products = worth_certainty * usual_products * cost_of_product(num_edges);
-  return !can_factorize ||
-         elimination.flops(3, options.max_factorization_flops) > std::max(quick, by_products);
+  const double by_products =
+      Costs::worth_certainty * Costs::usual_products * cost_of_product(num_edges);
+  return !can_factorize || elimination.flops(3, options.max_factorization_flops) >
+                               std::max(Costs::quick, by_products);
 }
 
 /// CertificateMethod::none where it does not speak for R, or there is no memory for it.

@@ -13,7 +13,7 @@
 #include <rotavg/certify/operator_columns.hpp>
 #include <rotavg/certify/random_start.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
-#include <rotavg/parallel/huge_pages.hpp>
+#include <rotavg/linalg/huge_pages.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/types.hpp>

@@ -10,6 +10,7 @@
 #include <rotavg/certify/connectivity.hpp>
 #include <rotavg/certify/factorization.hpp>
 #include <rotavg/certify/min_eigenvalue.hpp>
+#include <rotavg/certify/proof_costs.hpp>
 #include <rotavg/certify/random_start.hpp>
 #include <rotavg/certify/shifted_factorization.hpp>
 #include <rotavg/graph/elimination.hpp>
@@ -47,14 +48,14 @@ class ComponentBounds {
   }
 
   ComponentBound operator()() {
-    constexpr double quick = 1e9, worth_certainty = 3.0, large = 2e5;
+    using Costs = ProofCosts;
+    constexpr double large = 2e5;
     constexpr double dense = 0.1, near_complete = 0.5;  // of all pairs of nodes
-    constexpr int usual_products = 130;  // of a random start on a well connected graph
     const double n = S_.num_nodes(), connectivity_flops = Connectivity::flops(n);
-    const double by_products = cost(usual_products);
+    const double by_products = cost(Costs::usual_products);
     // Dense graphs before a factorisation of S is even analysed: it fills in.
     const double filled = ends_ / n / n;
-    if (filled > dense && 27.0 * connectivity_flops > quick) {
+    if (filled > dense && 27.0 * connectivity_flops > Costs::quick) {
       const ComponentBound bound = by_connectivity(filled > near_complete, by_products);
       if (is_enough(bound)) return bound;
     }
@@ -63,20 +64,21 @@ class ComponentBounds {
     bool may_start = options_.failure_probability > 0.0;  // at random
     if (may_start && ends_ > large && !elimination_.has_order()) {
       RandomStart random_start(S_, q_, random_start_options());
-      if (random_start.theta_exceeds(theta_of_separator(worth_certainty * by_products))) {
+      if (random_start.theta_exceeds(theta_of_separator(Costs::worth_certainty * by_products))) {
         const ComponentBound bound = by_random_start(random_start);
         if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
         may_start = false;  // it would come to the same end
       }
     }
     const double by_factor = elimination_.flops(3, options_.max_factorization_flops);
-    if (by_factor > std::max(4.0 * connectivity_flops, quick)) {
-      const ComponentBound bound =
-          by_connectivity(/*by_norm=*/false, std::max(quick, worth_certainty * by_products));
+    if (by_factor > std::max(4.0 * connectivity_flops, Costs::quick)) {
+      const ComponentBound bound = by_connectivity(
+          /*by_norm=*/false, std::max(Costs::quick, Costs::worth_certainty * by_products));
       if (is_enough(bound)) return bound;
     }
     bool can_factorize = by_factor <= options_.max_factorization_flops && fits();
-    if (can_factorize && by_factor <= std::max(quick, worth_certainty * by_products)) {
+    if (can_factorize &&
+        by_factor <= std::max(Costs::quick, Costs::worth_certainty * by_products)) {
       if (const auto bound = factorized()) return *bound;
       can_factorize = false;
     }

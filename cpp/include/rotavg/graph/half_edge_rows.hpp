@@ -4,7 +4,7 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
-#include <rotavg/parallel/huge_pages.hpp>
+#include <rotavg/linalg/huge_pages.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <limits>
 #include <vector>
 
 #include <Eigen/Core>
@@ -15,9 +14,6 @@
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
 
 namespace rotavg {
-
-/// Half the distance from one to the next double: the relative error of one operation.
-constexpr double unit_roundoff = 0.5 * std::numeric_limits<double>::epsilon();
 
 /// How much rounding can have moved the matrix whose Cholesky factor `BlockCholesky<B>` has
 /// computed, known before the factorisation is made: for any A of the pattern with which it runs to

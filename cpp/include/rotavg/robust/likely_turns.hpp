@@ -49,23 +49,17 @@ inline Index take_likely_turns(const MeasurementGraph& graph, const std::vector<
     }
     return best > 0.0 ? sum : best;
   };
-  std::vector<Matrix3> turn(sides.parent.size(), Matrix3::Identity());
-  std::vector<bool> turned(turn.size(), false);
-  Index moved = 0;
-  for (const Index p : sides.order) {
-    if (sides.parent[p] < 0) continue;
-    turn[p] = turn[sides.parent[p]];
-    turned[p] = turned[sides.parent[p]];
-    const std::vector<detail::Ballot>& cast = sides.ballots[p];
-    const Index holder = sides.holder[p];
+  return detail::turn_sides(sides, R, [&](Index side, Matrix3& turn) {
+    const std::vector<detail::Ballot>& cast = sides.ballots[side];
+    const Index holder = sides.holder[side];
     const bool trusted = !(precision_of(precision, holder) > 0.0);
     const bool alone = std::none_of(cast.begin(), cast.end(), [&](const detail::Ballot& b) {
       return agree(Matrix3::Identity(), b);
     });
-    if (turned[p] || trusted || !alone) continue;
+    if (trusted || !alone) return false;
     const double held = odds(holder);
     double most = held + clearly, least = odds.turn(holder) - less;
-    bool likely = false;
+    bool likely = false, turned = false;
     const std::size_t stride = detail::stride_of(cast);
     for (std::size_t k = 0; k < cast.size(); k += stride) {
       const double now = together(cast, cast[k]), angle = odds.turn(cast[k].edge);
@@ -78,14 +72,11 @@ inline Index take_likely_turns(const MeasurementGraph& graph, const std::vector<
       } else {
         least = angle;
       }
-      turn[p] = cast[k].turn;
-      turned[p] = true;
+      turn = cast[k].turn;
+      turned = true;
     }
-    moved += turned[p];
-  }
-  if (moved == 0) return 0;
-  for (std::size_t i = 0; i < R.size(); ++i) R[i] = turn[sides.part[i]] * R[i];
-  return moved;
+    return turned;
+  });
 }
 
 }  // namespace rotavg

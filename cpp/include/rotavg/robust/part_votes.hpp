@@ -122,6 +122,29 @@ inline Sides sides_of(const MeasurementGraph& graph, const std::vector<double>& 
   return sides;
 }
 
+/// Turns sides, from the root on; what lies beyond a side that was turned turns with it, and is not
+/// asked again.
+/// @param choose `choose(side, turn)` gives a side its turn, if it wants one, and tells whether
+/// @param R world_from_i, changed in place
+/// @returns how many sides were turned
+template <typename Choose>
+Index turn_sides(const Sides& sides, Rotations& R, Choose&& choose) {
+  std::vector<Matrix3> turn(sides.parent.size(), Matrix3::Identity());
+  std::vector<bool> turned(turn.size(), false);
+  Index moved = 0;
+  for (const Index p : sides.order) {
+    if (sides.parent[p] < 0) continue;
+    turn[p] = turn[sides.parent[p]];
+    turned[p] = turned[sides.parent[p]];
+    if (turned[p]) continue;
+    turned[p] = choose(p, turn[p]);
+    moved += turned[p];
+  }
+  if (moved == 0) return 0;
+  for (std::size_t i = 0; i < R.size(); ++i) R[i] = turn[sides.part[i]] * R[i];
+  return moved;
+}
+
 }  // namespace detail
 
 /// Lets whole sides of a graph vote as take_votes() lets nodes: where a street joins the next by
@@ -139,29 +162,21 @@ inline Index take_part_votes(const MeasurementGraph& graph, const std::vector<do
                              const std::vector<double>& x, double threshold, Rotations& R) {
   constexpr double clearly = 0.3;
   const detail::Sides sides = detail::sides_of(graph, precision, x, threshold, R);
-  std::vector<Matrix3> turn(sides.parent.size(), Matrix3::Identity());
-  std::vector<bool> turned(turn.size(), false);
-  Index moved = 0;
-  for (const Index p : sides.order) {
-    if (sides.parent[p] < 0) continue;
-    turn[p] = turn[sides.parent[p]];
-    turned[p] = turned[sides.parent[p]];
-    const std::vector<detail::Ballot>& cast = sides.ballots[p];
-    if (turned[p] || cast.size() < 2) continue;
+  return detail::turn_sides(sides, R, [&](Index side, Matrix3& turn) {
+    const std::vector<detail::Ballot>& cast = sides.ballots[side];
+    if (cast.size() < 2) return false;
     double most = detail::support(cast, Matrix3::Identity()) + clearly;
+    bool turned = false;
     const std::size_t stride = detail::stride_of(cast);
     for (std::size_t k = 0; k < cast.size(); k += stride) {
       const double support = detail::support(cast, cast[k].turn);
       if (support <= most) continue;
       most = support;
-      turn[p] = cast[k].turn;
-      turned[p] = true;
+      turn = cast[k].turn;
+      turned = true;
     }
-    moved += turned[p];
-  }
-  if (moved == 0) return 0;
-  for (std::size_t i = 0; i < R.size(); ++i) R[i] = turn[sides.part[i]] * R[i];
-  return moved;
+    return turned;
+  });
 }
 
 /// The other places of sides that a single edge holds and others contradict: either may be wrong.
