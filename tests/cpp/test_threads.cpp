@@ -13,15 +13,15 @@ using rotavg::test::Random;
 
 namespace {
 
-// Sanitizers take twenty to fifty times as long, and have to see each thing done but once.
+// Sanitizers and counted lines take up to fifty times as long, and want each thing done but once.
 #if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)  // g++
-#define ROTAVG_TEST_SANITIZED
+#define ROTAVG_TEST_SLOW
 #elif defined(__has_feature)  // clang
 #if __has_feature(thread_sanitizer) || __has_feature(address_sanitizer)
-#define ROTAVG_TEST_SANITIZED
+#define ROTAVG_TEST_SLOW
 #endif
 #endif
-#if defined(ROTAVG_TEST_SANITIZED)
+#if defined(ROTAVG_TEST_SLOW)
 const std::vector<Initialization> starts = {Initialization::automatic};
 const std::vector<int> numbers_of_threads = {3};
 #else

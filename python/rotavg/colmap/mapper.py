@@ -106,12 +106,12 @@ def reconstruct(
     if not images.is_dir():
         raise FileAccessError("cannot be read: there is no such folder", path=images)
     check_new_folder(output)
-    beside = tempfile.TemporaryDirectory(dir=output.parent, prefix=f".{output.name}.")
-    with writing(output), beside as temporary:
+    with tempfile.TemporaryDirectory(dir=output.parent, prefix=f".{output.name}.") as temporary:
         folder = Path(temporary)
         measured = folder / "measured.db"
-        copy_database(Path(database), measured)
-        complete_poses(measured)
+        with writing(output):
+            copy_database(Path(database), measured)
+            complete_poses(measured)
         try:
             graph = rotavg.read(measured, format="colmap", covariances=anisotropic)
         except FormatError as error:  # of the copy, which is soon gone

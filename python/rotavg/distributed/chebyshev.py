@@ -80,8 +80,8 @@ class Told:
             np.sum([part.degrees for part in parts], axis=0),
             np.sum([part.leftover for part in parts], axis=0),
             np.sum([part.leftover_rounding for part in parts], axis=0),
-            # Every row is in one part, and the norms of its pieces add up as squares do.
-            math.sqrt(sum(part.rounding**2 for part in parts)),
+            # Every row is in one part, and what holds for each row holds for the whole product.
+            max(part.rounding for part in parts),
             sum(part.num_nodes for part in parts),
             min(part.least_degree for part in parts),
         )

@@ -27,7 +27,8 @@ class Operator:
         null: (num_own, 3, 3) blocks D^1/2 R^T of the null vectors.
         component: (num_own,) which component of the graph every node is in.
         degree: (num_own,).
-        rounding: |computed - M y| <= rounding |y| holds for the rows of this part.
+        rounding: |computed - M y|_a <= rounding / 4 (|M| |y|)_a for every row a of this part, where
+            the norm of |M|, of all parts, is at most 2 sqrt(3).
         leftover, leftover_rounding: (num_own,) |D^-1/2 S N|^2 of every row, and what its rounding
             can amount to.
     """

@@ -8,12 +8,13 @@ import numpy as np
 
 
 class Places:
-    """A worker for every part, so that what is large never moves.
+    """A worker for every part, so that what is large stays where it is.
 
     Left to itself, a scheduler sends a task wherever a processor is free, and the part after it, so
     that some workers hold others' parts, too. Here tasks of a part run where it was made; where
     that worker has been lost, anywhere. Parts that follow in number, which METIS lets be
-    neighbours, are together.
+    neighbours, are together. (A scheduler that lets workers steal tasks may still move them: a
+    cluster that `solve` starts does not.)
 
     Args:
         client: of the cluster.

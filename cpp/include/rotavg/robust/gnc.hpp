@@ -6,10 +6,13 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/parallel/threads.hpp>
 #include <rotavg/robust/inner.hpp>
+#include <rotavg/robust/irls.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/so3/quaternion.hpp>
+#include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/monitor.hpp>
 #include <rotavg/solve/options.hpp>
 #include <rotavg/solve/result.hpp>
@@ -39,35 +42,32 @@ inline std::vector<RobustLoss> graduation(const RobustLoss& loss) {
   return surrogates;
 }
 
-/// Graduated non-convexity: two reweightings for each surrogate, each from where the last one
-/// ended; none where its gradient has vanished already. While it lasts, the objective of the loss
-/// itself may rise; it is not reported. Losses that are not bounded have no surrogates.
+/// Graduated non-convexity: two reweightings for each surrogate, or fewer where nothing is gained,
+/// each from where the last one ended. While it lasts, the objective of the loss itself may rise;
+/// what is reported is that of the surrogate. Losses that are not bounded have no surrogates.
 ///
 /// @returns rotations from which irls() may go on, and how many reweightings were made
 inline IterationResult gnc(const MeasurementGraph& graph, const Rotations& R,
                            const RobustLoss& loss, const std::vector<double>& precision,
                            const InnerSteps& inner, const IterationOptions& options) {
   constexpr int reweightings = 2;
-  const Monitor monitor(graph, R, options);
   Quaternions q = to_quaternions(R);
-  RobustResiduals residuals(graph, precision, monitor.num_threads());
+  RobustResiduals residuals(graph, precision,
+                            resolve_num_threads(options.num_threads, graph.num_edges()));
   IterationResult result;
-  const auto go_on = [&] {
-    return result.iterations < options.max_iterations && monitor.keep_going();
-  };
   for (const RobustLoss& surrogate : graduation(loss)) {
-    if (!go_on()) break;
+    IterationOptions rest = remaining(options, result);
+    rest.max_iterations = std::min(rest.max_iterations, reweightings);
+    Monitor monitor(graph, R, rest);
     residuals.update(q, surrogate);
-    if (residuals.gradient_norm().relative <= options.tolerance) continue;
-    for (int k = 0; k < reweightings && go_on(); ++k, ++result.iterations) {
-      inner(residuals, q, monitor);
-    }
+    reweight(residuals, q, inner, 0.0, monitor);
+    const IterationResult ended = std::move(monitor).result({});
+    result.iterations += ended.iterations;
+    result.seconds += ended.seconds;
+    result.status = ended.status;
+    if (result.status == Status::stopped || result.status == Status::time_limit) break;
   }
   result.rotations = to_rotations(q, R);
-  result.seconds = monitor.seconds();
-  if (!monitor.keep_going()) {
-    result.status = result.seconds < options.time_limit ? Status::stopped : Status::time_limit;
-  }
   return result;
 }
 

@@ -9,7 +9,11 @@
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/parallel/threads.hpp>
+#include <rotavg/problem/hessian.hpp>
 #include <rotavg/problem/laplacian_metric.hpp>
+#include <rotavg/problem/objective.hpp>
+#include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/reweighted_sweep.hpp>
@@ -89,12 +93,13 @@ class SeldomFactored {
     if (iteration < patience || sweeps_only_) return two_sweeps(residuals, q, monitor);
     if (!workspace_) {
       workspace_ = std::make_shared<LaplacianWorkspace>(residuals.graph(), num_threads_);
+      weighted_ = std::make_shared<MeasurementGraph>(residuals.graph());
       sweeps_only_ = workspace_->metric.flops(max_flops) > max_flops;
       if (sweeps_only_) return two_sweeps(residuals, q, monitor);
     }
     reweighted_sweep(residuals, q, monitor);
     residuals.update(q);
-    MeasurementGraph weighted = residuals.graph();
+    MeasurementGraph& weighted = *weighted_;
     weighted.set_weights(residuals.weights());
     if (iteration < factored_at_ || iteration >= 2 * factored_at_) {
       const auto keep_going = [&monitor] { return monitor.keep_going(); };
@@ -118,7 +123,8 @@ class SeldomFactored {
 
  private:
   int num_threads_;
-  std::shared_ptr<LaplacianWorkspace> workspace_;  // made when it is first needed
+  std::shared_ptr<LaplacianWorkspace> workspace_;  // these are made when they are first needed
+  std::shared_ptr<MeasurementGraph> weighted_;
   int factored_at_ = 0;
   bool sweeps_only_ = false;
 };
@@ -145,6 +151,8 @@ inline void two_sum_steps(RobustResiduals& residuals, Quaternions& q, const Moni
 ///   along a street or a ring have such Laplacians, whatever their number of neighbours, and on
 ///   their graphs sweeps are so slow that little is gained by each long before the end. On others,
 ///   bcd, and SeldomFactored where that has no end.
+///
+/// @param graph that the steps will be taken on; must outlive them
 inline InnerSteps inner_steps(const MeasurementGraph& graph, Method method, int num_threads) {
   constexpr double sparse_degree = 20.0;
   constexpr double flops_of_sweeps = 400.0;  // for an edge, about, in two reweighted sweeps

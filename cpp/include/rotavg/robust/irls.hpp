@@ -15,6 +15,21 @@
 
 namespace rotavg {
 
+/// Reweightings until the monitor ends them, or one gains less than a part of the objective.
+/// @param residuals at q, before and after
+/// @returns whether all have gained enough
+inline bool reweight(RobustResiduals& residuals, Quaternions& q, const InnerSteps& inner,
+                     double least_gain, Monitor& monitor) {
+  double last = std::numeric_limits<double>::infinity();
+  while (!monitor.should_stop(residuals.objective(), residuals.gradient_norm(), 0.0)) {
+    const double objective = residuals.objective();
+    if (!(last - objective > least_gain * objective)) return false;
+    last = objective;
+    inner(residuals, q, monitor);
+  }
+  return true;
+}
+
 /// Iteratively reweighted least squares (Holland and Welsch 1977; for rotations Chatterjee and
 /// Govindu 2018). Edges get the weights that bound the robust objective from above, and steps on
 /// that weighted problem, from where the last ones ended, never let the robust objective rise. The
@@ -33,17 +48,8 @@ inline IterationResult irls(const MeasurementGraph& graph, const Rotations& R,
   Monitor monitor(graph, R, options);
   Quaternions q = to_quaternions(R);
   RobustResiduals residuals(graph, precision, monitor.num_threads());
-  double last = std::numeric_limits<double>::infinity();
-  bool gains = true;
   residuals.update(q, loss);
-  for (;;) {
-    const double objective = residuals.objective();
-    if (monitor.should_stop(objective, residuals.gradient_norm(), 0.0)) break;
-    gains = last - objective > least_gain * objective;
-    last = objective;
-    if (!gains) break;
-    inner(residuals, q, monitor);
-  }
+  const bool gains = reweight(residuals, q, inner, least_gain, monitor);
   IterationResult result = std::move(monitor).result(to_rotations(q, R));
   if (!gains) result.status = Status::step_converged;
   return result;

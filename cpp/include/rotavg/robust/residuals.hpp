@@ -114,7 +114,7 @@ class RobustResiduals {
   const std::vector<double>& weights() {
     weights_.resize(pull_.size());
     parallel_for(graph_->num_edges(), num_threads_,
-                 [&](Index k) { weights_[k] = std::max(min_weight, pull_[k].w()); });
+                 [&](Index k) { weights_[k] = std::clamp(pull_[k].w(), min_weight, max_weight); });
     return weights_;
   }
 

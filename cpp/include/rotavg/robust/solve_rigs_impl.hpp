@@ -217,11 +217,9 @@ ROTAVG_INLINE RigSolution solve_rigs(const MeasurementGraph& graph, const Rigs& 
   // A robust solve finds a scale and weights anew: sensors and weights have to agree in the end.
   constexpr int max_rounds = 10;
   constexpr double settled = 1e-5;  // radians
-  std::optional<RobustOptions> again = robust;
-  if (robust && layout.any_estimated()) again->search = false;
   for (int round = 0;; ++round) {
     const GroundedGraph held(graph, solution.rigs.held(graph, rigs, priors));
-    static_cast<RobustSolution&>(solution) = detail::solve_either(held, left(), again, start);
+    static_cast<RobustSolution&>(solution) = detail::solve_either(held, left(), robust, start);
     if (!robust || !layout.any_estimated() || solution.status == Status::stopped) break;
     solution.rigs.rotations = solution.rotations;
     RigEstimate refined = solution.rigs;

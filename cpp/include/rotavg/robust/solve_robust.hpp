@@ -26,9 +26,6 @@ struct RobustOptions {
   WeightKind weight_kind = WeightKind::automatic;
   EdgeKnowledge known;
   bool priors = true;  ///< whether the loss is that of absolute priors and gravity, too
-  /// False: the initial value is an answer already, of nearly the same problem. Neither the loss l1
-  /// nor graduated non-convexity looks for another one from there. (Step 5 never does.)
-  bool search = true;
 };
 
 /// What a robust loss has made of absolute priors, or of gravity.

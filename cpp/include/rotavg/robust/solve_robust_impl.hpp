@@ -149,8 +149,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   Rotations R = start ? part.of_nodes(checked_rotations(graph, std::move(*start)))
                       : run.least_squares(part.of_edges(robust.known.initial_weights), init);
   std::vector<Rotations> starts{R};
-  const bool refines = start && !robust.search;
-  const bool knows_weights = refines || !robust.known.initial_weights.empty();
+  const bool knows_weights = !robust.known.initial_weights.empty();
   const IterationResult l1 =
       run.reweighted(R, {Loss::l1, l1_scale}, l1_gain, go_on() && !knows_weights ? l1_limit : 0);
   R = l1.rotations;
@@ -169,7 +168,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   loss.scale = robust.scale;
   if (loss.scale == 0.0) loss.scale = default_scale(loss.kind, part.series().freedom()) * noise;
   const double prepared = run.seconds();
-  if (go_on() && !refines) R = run.graduated(R, loss);
+  if (go_on()) R = run.graduated(R, loss);
   const bool compares =
       robust.loss == Loss::automatic && !start && options.init == Initialization::automatic;
   const auto settle = [&](const Rotations& from, int limit) {

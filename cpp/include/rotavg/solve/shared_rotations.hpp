@@ -176,8 +176,8 @@ class SharedMetric {
     determined_.assign(static_cast<std::size_t>(problem_.num_shared), false);
     for (const Index s : used_) determined_[s] = true;
     inverse_ = schur;
-    inverse_.diagonal().array() -= nothing;
-    if (!invert_positive_definite(inverse_)) {
+    // The trace of the inverse is above that of every eigenvalue alone.
+    if (!invert_positive_definite(inverse_) || !(inverse_.trace() < 1.0 / nothing)) {
       const SmallEigen eigen = small_eigen(schur);
       Eigen::VectorXd inverse = Eigen::VectorXd::Zero(size);
       for (Index k = 0; k < size; ++k) {
@@ -191,7 +191,7 @@ class SharedMetric {
       }
       inverse_ = eigen.vectors * inverse.asDiagonal() * eigen.vectors.transpose();
     }
-    inverse_ = scale.asDiagonal() * inverse_ * scale.asDiagonal();
+    inverse_ = scale.asDiagonal() * (0.5 * (inverse_ + inverse_.transpose())) * scale.asDiagonal();
   }
 
   void apply_laplacian(const NodeVectors& v, NodeVectors& result) {
