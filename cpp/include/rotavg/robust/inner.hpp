@@ -23,6 +23,9 @@
 #include <rotavg/solve/options.hpp>
 #include <rotavg/solve/sum.hpp>
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
 namespace rotavg {
 
 /// A few steps that lower the robust objective, in place, from residuals at the rotations to
@@ -178,3 +181,5 @@ inline InnerSteps inner_steps(const MeasurementGraph& graph, Method method, int 
 }
 
 }  // namespace rotavg
+
+#pragma GCC diagnostic pop
