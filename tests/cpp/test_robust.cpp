@@ -394,16 +394,3 @@ TEST_CASE("limits and callbacks stop a robust solution, and it says so") {
   robust.scale = std::nan("");
   CHECK_THROWS_AS(solve_robust(problem.graph, {}, robust), std::invalid_argument);
 }
-
-TEST_CASE("weights at the bounds of what is legal are reweighted") {
-  Random random;
-  INFO(random.replay());
-  for (const double weight : {min_weight, max_weight}) {
-    MeasurementGraph graph(test::simulate(random, test::complete(6), 0.1));
-    graph.set_weights(std::vector<double>(graph.weights().size(), weight));
-    const std::vector<double> ones;
-    RobustResiduals residuals(graph, ones, 1);
-    residuals.update(to_quaternions(random.rotations(6)), {Loss::tls, 3.0});
-    CHECK_NOTHROW(graph.set_weights(residuals.weights()));
-  }
-}

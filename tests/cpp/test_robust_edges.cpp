@@ -257,3 +257,16 @@ TEST_CASE("ten right edges of fifty between two nodes are enough, without noise 
     }
   }
 }
+
+TEST_CASE("weights at the bounds of what is legal are reweighted") {
+  Random random;
+  INFO(random.replay());
+  for (const double weight : {min_weight, max_weight}) {
+    MeasurementGraph graph(test::simulate(random, test::complete(6), 0.1));
+    graph.set_weights(std::vector<double>(graph.weights().size(), weight));
+    const std::vector<double> ones;
+    RobustResiduals residuals(graph, ones, 1);
+    residuals.update(to_quaternions(random.rotations(6)), {Loss::tls, 3.0});
+    CHECK_NOTHROW(graph.set_weights(residuals.weights()));
+  }
+}

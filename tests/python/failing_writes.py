@@ -78,6 +78,28 @@ def largest(folder: Path) -> int:
     return max(path.stat().st_size for path in folder.iterdir())
 
 
+def limited(write: Callable[[], object], limit: int, how: str = "full") -> tuple[str, int]:
+    """What came of writing in a process whose files may have so many bytes, and how it ended."""
+    told_by, tell = os.pipe()
+    child = os.fork()
+    if child == 0:
+        if how == "killed":
+            signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+        try:
+            write()
+            outcome = "written"
+        except BaseException as error:
+            outcome = f"{type(error).__name__}: {error}"
+        os.write(tell, outcome.encode())
+        os._exit(0)
+    os.close(tell)
+    with os.fdopen(told_by, "rb") as stream:
+        outcome = stream.read().decode()
+    return outcome, os.waitpid(child, 0)[1]
+
+
 def failing(file: str, write: Callable[[Path], object], how: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / file
@@ -86,24 +108,8 @@ def failing(file: str, write: Callable[[Path], object], how: str) -> dict[str, A
         expected = sorted(p.name for p in path.parent.iterdir())
         for old in path.parent.iterdir():
             old.write_bytes(OLD)
-        told_by, tell = os.pipe()
-        child = os.fork()
-        if child == 0:
-            if how == "killed":
-                signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
-                resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-            resource.setrlimit(resource.RLIMIT_FSIZE, (size // 2, size // 2))
-            try:
-                write(path)
-                outcome = "written"
-            except BaseException as error:
-                outcome = f"{type(error).__name__}: {error}"
-            os.write(tell, outcome.encode())
-            os._exit(0)
-        os.close(tell)
-        with os.fdopen(told_by, "rb") as stream:
-            outcome = stream.read().decode().replace(str(path.parent), "FOLDER")
-        status = os.waitpid(child, 0)[1]
+        outcome, status = limited(lambda: write(path), size // 2, how)
+        outcome = outcome.replace(str(path.parent), "FOLDER")
         there = {p.name: p.read_bytes() for p in path.parent.iterdir()}
         found = {
             "outcome": outcome,

@@ -194,28 +194,18 @@ def test_images_writes_the_database_too(room: Path, tmp_path: Path) -> None:
 def test_a_full_disk_is_told_and_leaves_nothing(
     database: Path, measured: images.Measurement, tmp_path: Path, what: str
 ) -> None:
-    import resource
+    from failing_writes import limited
 
     solution = rotavg.solve(rotavg.read(database))
-    told_by, tell = os.pipe()
-    child = os.fork()
-    if child == 0:
-        limit = database.stat().st_size // 2
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-        try:
-            if what == "create_database":
-                colmap.create_database(tmp_path / "new.db", measured)
-            else:
-                colmap.write_rotations(database, solution, tmp_path / "new.db")
-            outcome = "written"
-        except BaseException as error:
-            outcome = f"{type(error).__name__}: {error}"
-        os.write(tell, outcome.encode())
-        os._exit(0)
-    os.close(tell)
-    with os.fdopen(told_by, "rb") as stream:
-        outcome = stream.read().decode()
-    assert os.waitpid(child, 0)[1] == 0
+
+    def write() -> None:
+        if what == "create_database":
+            colmap.create_database(tmp_path / "new.db", measured)
+        else:
+            colmap.write_rotations(database, solution, tmp_path / "new.db")
+
+    outcome, status = limited(write, database.stat().st_size // 2)
+    assert status == 0
     assert outcome.startswith("FileAccessError")
     assert "cannot be written: disk I/O error" in outcome
     assert not list(tmp_path.iterdir())

@@ -23,7 +23,6 @@ from rotavg.distributed.coarse import Joints, turns  # noqa: E402
 from rotavg.distributed.deadline import Deadline  # noqa: E402
 from rotavg.distributed.local import level, solve_majorised  # noqa: E402
 from rotavg.distributed.operator import apply, make_operator  # noqa: E402
-from rotavg.distributed.places import Places  # noqa: E402
 from rotavg.distributed.proof import _told, prove  # noqa: E402
 from rotavg.distributed.rounds import Rounds, as_they_are  # noqa: E402
 
@@ -410,33 +409,3 @@ def test_what_a_source_does_wrong_is_told(client: Any, tmp_path: Path) -> None:
         solve(tmp_path, client=client)
     with pytest.raises(rotavg.FormatError, match="nowhere: is no folder"):
         solve(tmp_path / "nowhere", client=client)
-
-
-class Recording(InlineClient):
-    """Two workers, one with three threads; which of them every task was for."""
-
-    def __init__(self) -> None:
-        self.asked: list[tuple[str, tuple[str, ...]]] = []
-
-    def nthreads(self) -> dict[str, int]:
-        return {"tcp://b": 3, "tcp://a": 1}
-
-    def submit(self, function: Any, *arguments: Any, **options: Any) -> Any:
-        name = function.args[0] if isinstance(function, partial) else function
-        self.asked.append((name.__name__, tuple(options.get("workers") or ())))
-        assert options.get("workers") is None or options["allow_other_workers"]
-        return super().submit(function, *arguments, **options)
-
-
-def test_tasks_of_a_part_are_for_one_worker_and_parts_shared_out_by_threads() -> None:
-    client = Recording()
-    places = Places(client, 8)
-    assert places.workers == ["tcp://a"] * 2 + ["tcp://b"] * 6
-    assert Places(client, 1).workers == ["tcp://b"]
-    found = solve(GRAPHS["sphere"], client=client, parts=4, tolerance=1e-6)
-    assert found.solved
-    large = {"_part", "solve_alone", "_with_others", "without_null", "boundary_of"}
-    assert large <= {name for name, _ in client.asked}
-    for name, workers in client.asked:
-        if name in large:
-            assert workers in (("tcp://a",), ("tcp://b",)), name
