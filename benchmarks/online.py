@@ -1,6 +1,6 @@
 """Online averaging, pose by pose: `rotavg.Online`, `solve` anew at every step, GTSAM's iSAM2.
 
-    ./dev bench online ../shared/data/g2o/{sphere2500,torus3D,parking-garage}.g2o
+    ./dev bench online {sphere2500,torus3D,parking-garage}.g2o
     ./dev bench online robot:100000 cubicles:6000
 
 One thread. A step is a pose with all its edges to poses before it, in the order of their ids; the

@@ -1,6 +1,6 @@
 """Pose graphs: how good a start rotavg's output is, measured by GTSAM.
 
-    python -m benchmarks.pose_graphs ../shared/data/g2o/{sphere2500,torus3D,parking-garage}.g2o
+    python -m benchmarks.pose_graphs {sphere2500,torus3D,parking-garage}.g2o
 
 For each file, `rotavg.write` writes the averaged rotations and the positions that fit them, GTSAM
 reads that file, and its Levenberg-Marquardt and Gauss-Newton go on from there; the same from

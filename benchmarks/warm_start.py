@@ -1,6 +1,6 @@
 """Solving again after some edges came and went: from the last solution, and from nothing.
 
-    python -m benchmarks.warm_start ../shared/data/g2o/{sphere2500,torus3D,parking-garage}.g2o
+    python -m benchmarks.warm_start {sphere2500,torus3D,parking-garage}.g2o
 
 Of each file's graph, all weights 1, 20 edges are removed and 20 added between random nodes, with
 noise of 0.05 rad; one thread. Prints a table of iterations and CPU milliseconds, the least of 20.

@@ -11,61 +11,16 @@
 
 #include "support/blocks.hpp"
 #include "support/graphs.hpp"
+#include "support/patterns.hpp"
 #include "support/random.hpp"
 
 using namespace rotavg;
+using rotavg::test::numbers;
+using rotavg::test::pattern_of;
 using rotavg::test::Random;
+using rotavg::test::random_order;
 
 namespace {
-
-std::vector<Index> numbers(Index n) {
-  std::vector<Index> all(static_cast<std::size_t>(n));
-  std::iota(all.begin(), all.end(), 0);
-  return all;
-}
-
-EliminationOrder random_order(Random& random, Index n) {
-  EliminationOrder order{numbers(n)};
-  std::shuffle(order.node.begin(), order.node.end(), random.generator());
-  return order;
-}
-
-/// The rows of every column of L below the diagonal, by elimination of one column after the other.
-std::vector<std::vector<Index>> rows_of_factor(const BlockPattern& pattern,
-                                               const std::vector<Index>& node) {
-  const Index n = pattern.size();
-  std::vector<Index> column_of(node.size());
-  for (Index k = 0; k < n; ++k) column_of[node[k]] = k;
-  std::vector<std::vector<bool>> filled(node.size(), std::vector<bool>(node.size(), false));
-  for (Index j = 0; j < n; ++j) {
-    for (Index e = pattern.start[j]; e < pattern.start[j + 1]; ++e) {
-      const auto [column, row] = std::minmax(column_of[j], column_of[pattern.row[e]]);
-      filled[column][row] = true;
-    }
-  }
-  std::vector<std::vector<Index>> rows(node.size());
-  for (Index k = 0; k < n; ++k) {
-    for (Index i = k + 1; i < n; ++i) {
-      if (filled[k][i]) rows[k].push_back(i);
-    }
-    for (const Index i : rows[k]) {
-      for (const Index j : rows[k]) {
-        if (i > j) filled[j][i] = true;
-      }
-    }
-  }
-  return rows;
-}
-
-/// Divisions and roots count as multiplications.
-double multiplications_of(const std::vector<std::vector<Index>>& rows) {
-  double sum = 0.0;
-  for (const auto& column : rows) {
-    const auto below = static_cast<double>(column.size());
-    sum += 0.5 * (below + 1.0) * (below + 2.0);
-  }
-  return sum;
-}
 
 double entries_of(const SymbolicCholesky::Supernode& node) {
   return 0.5 * node.columns() * (node.columns() + 1.0) + 1.0 * node.columns() * node.num_below();
@@ -90,8 +45,9 @@ void check_analysis(const BlockPattern& pattern, const EliminationOrder& order) 
   REQUIRE(sorted == numbers(n));
 
   // Postorder changes neither the fill nor the tree, but makes each subtree a range of columns.
-  const auto rows = rows_of_factor(pattern, symbolic.node());
-  REQUIRE(multiplications_of(rows) == multiplications_of(rows_of_factor(pattern, order.node)));
+  const auto rows = test::rows_of_factor(pattern, symbolic.node());
+  REQUIRE(test::multiplications_of(rows) ==
+          test::multiplications_of(test::rows_of_factor(pattern, order.node)));
   std::vector<Index> first_descendant = numbers(n), descendants(sorted.size(), 0);
   for (Index k = 0; k < n; ++k) {
     REQUIRE(k - first_descendant[k] == descendants[k]);
@@ -162,12 +118,6 @@ void check_analysis(const BlockPattern& pattern, const EliminationOrder& order) 
   REQUIRE(begin == n);
 }
 
-BlockPattern pattern_of(Index n, const test::Pairs& pairs) {
-  Eigen::MatrixXd A = Eigen::MatrixXd::Identity(n, n);
-  for (const auto& [i, j] : pairs) A(i, j) = A(j, i) = 1.0;
-  return test::sparse_blocks<1>(A).pattern;
-}
-
 }  // namespace
 
 TEST_CASE("the analysis of a graph is that of elimination column by column, in any order") {
@@ -189,6 +139,7 @@ TEST_CASE("the analysis of a graph is that of elimination column by column, in a
     CAPTURE(k);
     CAPTURE(n);
     check_analysis(pattern, approximate_minimum_degree(pattern));
+    check_analysis(pattern, eigen_minimum_degree(pattern));
     check_analysis(pattern, EliminationOrder{numbers(n)});
     check_analysis(pattern, random_order(random, n));
   }
@@ -205,101 +156,6 @@ TEST_CASE("so is that of paths, stars, grids and complete graphs") {
     check_analysis(pattern, approximate_minimum_degree(pattern));
     check_analysis(pattern, random_order(random, pattern.size()));
   }
-}
-
-TEST_CASE("the multiplications of an order are those of its elimination, or a few more") {
-  Random random;
-  INFO(random.replay());
-  for (int k = 0; k < 100; ++k) {
-    const Index n = 2 + random.below(60);
-    const auto pairs = test::random_connected(random, n, random.below(2 * n));
-    const BlockPattern pattern = pattern_of(n, pairs);
-    const EliminationOrder order = approximate_minimum_degree(pattern);
-    const double exact = multiplications_of(rows_of_factor(pattern, order.node));
-    CAPTURE(n);
-    REQUIRE(order.multiplications >= exact);
-    REQUIRE(order.multiplications <= 1.5 * exact);
-  }
-  for (const Index n : {1, 2, 3, 10, 100}) {
-    const double expected = n * (n + 1.0) * (n + 2.0) / 6.0;
-    CHECK(approximate_minimum_degree(pattern_of(n, test::complete(n))).multiplications == expected);
-    CHECK(approximate_minimum_degree(pattern_of(n, {})).multiplications == n);
-    CHECK(approximate_minimum_degree(pattern_of(n, test::path(n))).multiplications ==
-          3.0 * n - 2.0);
-  }
-}
-
-TEST_CASE("the nodes' own order is bounded by its envelope, and taken where that is less work") {
-  Random random;
-  INFO(random.replay());
-  for (int k = 0; k < 100; ++k) {
-    const Index n = 2 + random.below(60);
-    const BlockPattern pattern =
-        pattern_of(n, test::random_connected(random, n, random.below(2 * n)));
-    const EliminationOrder order = natural_order(pattern);
-    CAPTURE(n);
-    REQUIRE(order.node == numbers(n));
-    const auto rows = rows_of_factor(pattern, order.node);
-    double nonzeros = 0.0;
-    for (const auto& below : rows) nonzeros += static_cast<double>(below.size());
-    REQUIRE(order.multiplications >= multiplications_of(rows));
-    REQUIRE(order.nonzeros >= nonzeros);
-    const double by_degree = approximate_minimum_degree(pattern).multiplications;
-    REQUIRE(elimination_order(pattern).multiplications ==
-            std::min(by_degree, order.multiplications));
-  }
-  // A video: each frame joined to the next, and to nine of the sixty behind it.
-  test::Pairs pairs = test::path(2000);
-  for (Index i = 0; i + 61 < 2000; ++i) {
-    for (int e = 0; e < 9; ++e) pairs.emplace_back(i, i + 2 + random.below(59));
-  }
-  const BlockPattern band = pattern_of(2000, pairs);
-  CHECK(elimination_order(band).node == numbers(2000));
-  CHECK(elimination_order(band).multiplications <
-        0.7 * approximate_minimum_degree(band).multiplications);
-  CHECK(natural_order({}).node.empty());
-}
-
-TEST_CASE("columns of the factor are counted as elimination fills them, in any order") {
-  Random random;
-  INFO(random.replay());
-  for (int k = 0; k < 300; ++k) {
-    const Index n = 1 + random.below(40);
-    test::Pairs pairs;
-    for (Index e = random.below(3 * n); e > 0; --e) {
-      const Index i = random.below(n), j = random.below(n);
-      if (i != j) pairs.emplace_back(i, j);
-    }
-    const BlockPattern pattern = pattern_of(n, pairs);
-    const std::vector<Index> order = random_order(random, n).node;
-    const std::vector<Index> counts = factor_column_counts(pattern, order);
-    const auto rows = rows_of_factor(pattern, order);
-    CAPTURE(k);
-    REQUIRE(counts.size() == rows.size());
-    for (std::size_t j = 0; j < rows.size(); ++j) REQUIRE(counts[j] == 1 + rows[j].size());
-  }
-}
-
-TEST_CASE("Eigen's order is one of all nodes, fills about as little, and is counted exactly") {
-  Random random;
-  INFO(random.replay());
-  double fill = 0.0, fill_by_eigen = 0.0;
-  for (int k = 0; k < 100; ++k) {
-    const Index n = 1 + random.below(60);
-    const auto pairs = test::random_connected(random, n, random.below(2 * n));
-    const BlockPattern pattern = pattern_of(n, pairs);
-    const EliminationOrder order = eigen_minimum_degree(pattern);
-    check_analysis(pattern, order);
-    REQUIRE(order.multiplications == multiplications_of(rows_of_factor(pattern, order.node)));
-    fill += approximate_minimum_degree(pattern).nonzeros;
-    fill_by_eigen += order.nonzeros;
-  }
-  CHECK(fill_by_eigen < 1.1 * fill);
-  CHECK(eigen_minimum_degree({}).node.empty());
-  BlockPattern beyond;
-  beyond.start = {0, 1};
-  beyond.row = {1};
-  CHECK_THROWS_AS(eigen_minimum_degree(beyond), std::logic_error);
 }
 
 TEST_CASE("the supernode of a complete graph is one, and so are those of long paths few") {
@@ -348,7 +204,7 @@ TEST_CASE("whichever root it has, a tree holds all rows of L, and takes no more 
     const EliminationOrder given{numbers(n)};
     const SymbolicCholesky symbolic(pattern, given);
     CHECK(symbolic.node() != given.node);
-    const auto rows = rows_of_factor(pattern, symbolic.node());
+    const auto rows = test::rows_of_factor(pattern, symbolic.node());
     double work = 0.0;
     Index begin = 0;
     for (const auto& node : symbolic.supernodes()) {
@@ -368,7 +224,7 @@ TEST_CASE("whichever root it has, a tree holds all rows of L, and takes no more 
       }
     }
     REQUIRE(begin == n);
-    CHECK(work <= 1.35 * multiplications_of(rows_of_factor(pattern, given.node)));
+    CHECK(work <= 1.35 * test::multiplications_of(test::rows_of_factor(pattern, given.node)));
   }
 }
 
