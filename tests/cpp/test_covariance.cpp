@@ -1,5 +1,6 @@
 #include <filesystem>
 #include <iterator>
+#include <stdexcept>
 #include <vector>
 
 #include <doctest/doctest.h>
@@ -12,6 +13,7 @@
 #include <rotavg/linalg/selected_inverse.hpp>
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
+#include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/rotavg.hpp>
 
 #include "support/graphs.hpp"
@@ -174,4 +176,54 @@ TEST_CASE("a saddle has no covariance, and pairs of two components none either")
   stop.keep_going = [] { return false; };
   CHECK(covariances(cycle, Rotations(5, Matrix3::Identity()), {{0, 1}}, stop).status ==
         CovarianceStatus::stopped);
+}
+
+TEST_CASE("marginal covariances with priors are those of heavy absolute priors in the limit") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph graph =
+      test::simulate_graph(random, test::random_connected(random, 10, 20), 0.05);
+  const Rotations R = solve(graph).rotations;
+  Priors held, heavy;
+  for (const NodeId node : {2, 5}) {
+    held.fixed.push_back({node, R[node]});
+    heavy.absolute.push_back({node, R[node], 1e7});
+  }
+  for (Priors* priors : {&held, &heavy}) {
+    priors->gravity.push_back({8, R[8].transpose() * priors->down, 3.0});
+  }
+  const GroundedGraph a(graph, held), b(graph, heavy);
+  const auto A = marginal_covariances(a, solve(a).rotations);
+  const auto B = marginal_covariances(b, solve(b).rotations);
+  REQUIRE(A.status == CovarianceStatus::computed);
+  REQUIRE(B.status == CovarianceStatus::computed);
+  for (Index i = 0; i < 10; ++i) CHECK((A.pairs[i] - B.pairs[i]).norm() < 1e-5);
+  CHECK(A.pairs[2].norm() == 0.0);
+  const auto pair = covariances(a, solve(a).rotations, {{2, 7}});
+  CHECK((pair.pairs[0] - A.pairs[7]).norm() < 1e-12);
+}
+
+TEST_CASE("covariances with priors take no free turns but gravity's, and no other rows") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph graph =
+      test::simulate_graph(random, test::random_connected(random, 6, 8), 0.05);
+  Priors priors;
+  priors.gravity = {{1, Vector3::UnitX(), 2.0}};
+  const GroundedGraph problem(graph, priors);
+  const Rotations R = solve(problem).rotations;
+  CovarianceOptions options;
+  const auto expected = covariances(problem, R, {{0, 3}}, options);
+  options.free_turns = {{2, Vector3::UnitZ()}};
+  options.turn_of.assign(7, 0);
+  const auto found = covariances(problem, R, {{0, 3}}, options);
+  REQUIRE(found.status == CovarianceStatus::computed);
+  CHECK(found.pairs[0] == expected.pairs[0]);
+  CHECK_THROWS_AS(covariances(problem, R, {{0, 6}}), std::invalid_argument);
+  CHECK_THROWS_AS(covariances(problem, R, {{-1, 2}}), std::invalid_argument);
+  // Precisions of edges and priors that are those of weights: nearly the same covariances.
+  for (const Edge& e : graph.edges()) options.information.push_back(multiple_of_identity(e.weight));
+  const auto precise = covariances(problem, R, {{0, 3}}, options);
+  REQUIRE(precise.status == CovarianceStatus::computed);
+  CHECK((precise.pairs[0] - found.pairs[0]).norm() < 0.1 * found.pairs[0].norm());
 }

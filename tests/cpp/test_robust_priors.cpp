@@ -152,3 +152,76 @@ TEST_CASE(
     }
   }
 }
+
+TEST_CASE("robust losses take no notice of outliers where there are priors and rigs, too") {
+  Random random;
+  INFO(random.replay());
+  constexpr Index frames = 25, n = 2 * frames;
+  const Rotations rig = random.rotations(2), Q = random.rotations(frames);
+  Rotations truth;
+  Priors priors;
+  for (Index i = 0; i < n; ++i) {
+    truth.push_back(Q[i / 2] * rig[i % 2]);
+    priors.rigs.push_back({i, i / 2, rig[i % 2]});
+  }
+  const test::Pairs pairs = test::random_connected(random, n, 8 * n);
+  auto measurements = test::measure(random, pairs, truth, 0.01);
+  std::vector<bool> wrong;
+  for (RelativeRotation& m : measurements) {
+    wrong.push_back(random.below(5) == 0);
+    if (wrong.back()) m.i_from_j = random.rotation();
+  }
+  priors.fixed = {{3, truth[3]}};
+  const MeasurementGraph graph(measurements);
+  const RobustSolution solution = solve_robust(graph, priors);
+  double largest = 0.0;
+  for (Index i = 0; i < n; ++i) {
+    largest = std::max(largest, angle_between(solution.rotations[i], truth[i]));
+  }
+  CHECK(largest < 0.02);
+  for (std::size_t k = 0; k < wrong.size(); ++k) {
+    const Edge& e = graph.edges()[k];
+    if (angle_between(truth[e.i] * e.i_from_j(), truth[e.j]) > 0.2) {
+      CHECK(is_outlier(solution.verdicts.edges[k]));
+      CHECK(solution.edge_weights[k] < 0.05);
+    }
+  }
+  CHECK((solution.rotations[3] - truth[3]).norm() < 1e-14);
+}
+
+TEST_CASE("parts that the world holds are joined, but not by gravity") {
+  Random random;
+  INFO(random.replay());
+  constexpr Index half = 15, n = 2 * half;
+  const Rotations truth = random.rotations(n);
+  test::Pairs pairs = test::random_connected(random, half, 3 * half);
+  for (const auto& [i, j] : test::random_connected(random, half, 3 * half)) {
+    pairs.emplace_back(i + half, j + half);
+  }
+  auto measurements = test::measure(random, pairs, truth, 0.01);
+  measurements.push_back({0, half, random.rotation(), 1.0});  // two wrong ones join the halves
+  measurements.push_back({1, half + 1, random.rotation(), 1.0});
+  const MeasurementGraph graph(measurements);
+  RobustOptions robust;
+  robust.known.excluded.assign(measurements.size(), false);
+  *(robust.known.excluded.end() - 1) = *(robust.known.excluded.end() - 2) = true;
+  const auto parts = [&](const Priors& priors) {
+    const RobustSolution solution = solve_robust(graph, priors, {}, robust);
+    return *std::max_element(solution.verdicts.part.begin(), solution.verdicts.part.end()) + 1;
+  };
+  Priors fixed, tilted;
+  fixed.fixed = {{3, truth[3]}, {half + 3, truth[half + 3]}};
+  CHECK(parts(fixed) == 1);
+  for (const EdgeVerdict verdict : solve_robust(graph, fixed).verdicts.edges) {
+    CHECK(verdict != EdgeVerdict::weak_part);
+  }
+  for (Index i = 0; i < n; ++i) {
+    tilted.gravity.push_back({i, truth[i].transpose() * tilted.down, 1.0});
+  }
+  CHECK(parts(tilted) == 2);
+  Priors one;
+  for (Index i = 0; i < half; ++i) one.absolute.push_back({i, truth[i], 1.0});
+  CHECK(parts(one) == 2);
+  one.absolute.push_back({half + 3, truth[half + 3], 1.0});
+  CHECK(parts(one) == 1);
+}

@@ -6,8 +6,6 @@ import base64
 import dataclasses
 import json
 import re
-import sys
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -17,37 +15,11 @@ from numpy.typing import NDArray
 
 import rotavg
 from report_graphs import NASTY, doubted, in_two_parts, large, named, posed
+from report_pages import Text
 from rotavg import report
 from rotavg.report import tables
 from rotavg.report.style import VERDICTS
 from rotavg.report.verdict import statement
-from test_cli import run
-
-
-class Text(HTMLParser):
-    """What a browser shows: headline, cells and so on, without scripts and styles."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.path: list[str] = []
-        self.shown: list[tuple[str, str]] = []
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.feed(page)
-
-    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attributes)))
-        if tag not in ("meta", "link"):
-            self.path.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.path.pop() == tag  # well-formed
-
-    def handle_data(self, data: str) -> None:
-        if data.strip() and self.path[-1] not in ("script", "style"):
-            self.shown.append((self.path[-1], data.strip()))
-
-    def of(self, tag: str) -> list[str]:
-        return [text for where, text in self.shown if where == tag]
 
 
 def figures(page: str) -> dict[str, dict[str, list[dict[str, object]]]]:
@@ -324,64 +296,6 @@ def test_long_traces_are_thinned(solved: rotavg.Solution) -> None:
     trace = rotavg.Trace(*(np.linspace(2, 1, k) for _ in range(4)), seconds=np.arange(k) / 1e3)
     page = report.html(dataclasses.replace(solved, trace=trace))
     assert len(page) < 6_000_000
-
-
-def test_the_command_writes_a_report_that_says_how_to_repeat_it(tmp_path: Path) -> None:
-    graph = tmp_path / "my graph.g2o"
-    rotavg.write(graph, rotavg.simulate("sphere", 100, noise=0.1, seed=1).graph)
-    done = run("solve", graph, "--report", tmp_path / "out.html", "--seed", "7", "--json")
-    assert done.returncode == 0
-    assert done.stderr == ""
-    assert json.loads(done.stdout)["solved"]
-    text = Text((tmp_path / "out.html").read_text(encoding="utf-8"))
-    command = text.of("code")[0]
-    assert command == f"rotavg solve '{graph}' --report {tmp_path / 'out.html'} --seed 7 --json"
-    cells = dict(zip(text.of("th"), text.of("td")[-len(text.of("th")) :]))
-    assert cells["option seed"] == "7"
-    assert cells["option method"] == "auto"
-    assert re.search(r"SHA-256 [0-9a-f]{64}$", cells["input"])
-    assert float(cells["read"].removesuffix(" s")) > 0
-    done = run("solve", graph, "--report", tmp_path / "out.html")  # replaces it
-    assert done.returncode == 0
-    assert f"wrote {tmp_path / 'out.html'}" in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--report", "out.g2o"], "out.g2o: the name of a report ends in .html"),
-        (["--report", "graph.html"], "would replace another file of this run"),
-        (["--report", "./link.html"], "would replace another file of this run"),
-        (["--report", "x.html", "-o", "x.html"], "formats that are written"),
-        (["--report", "no/folder/x.html"], "no/folder/x.html: cannot be written: there is no"),
-        (["--report", "folder.html"], "cannot be written: it is a folder"),
-    ],
-)
-def test_a_report_replaces_nothing_it_should_not(
-    arguments: list[str], message: str, tmp_path: Path
-) -> None:
-    rotavg.write(tmp_path / "g.g2o", rotavg.simulate("cycle", 5, noise=0.1, seed=1).graph)
-    (tmp_path / "g.g2o").rename(tmp_path / "graph.html")  # recognised by its content
-    (tmp_path / "link.html").symlink_to("graph.html")
-    (tmp_path / "folder.html").mkdir()
-    before = {path: path.is_file() and path.read_bytes() for path in tmp_path.iterdir()}
-    done = run("solve", "graph.html", *arguments, cwd=tmp_path)
-    assert done.returncode == 2
-    assert message in done.stderr
-    assert "Traceback" not in done.stderr
-    assert {path: path.is_file() and path.read_bytes() for path in tmp_path.iterdir()} == before
-
-
-@pytest.mark.parametrize("module", ["plotly.graph_objects", "jinja2"])
-def test_without_the_extra_it_is_named_before_the_work(
-    module: str, solved: rotavg.Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(rotavg.MissingExtraError, match=r"rotavg\[report\]"):
-        report.check_report(tmp_path / "out.html")
-    with pytest.raises(rotavg.MissingExtraError, match=r"rotavg\[report\]"):
-        report.write_report(tmp_path / "out.html", solved)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_who_adds_what(tmp_path: Path) -> None:
