@@ -19,32 +19,15 @@
 #include <rotavg/rotavg.hpp>
 #include <rotavg/solve/monitor.hpp>
 
+#include "support/contaminated.hpp"
 #include "support/graphs.hpp"
 #include "support/random.hpp"
 
 using namespace rotavg;
+using rotavg::test::contaminated;
 using rotavg::test::Random;
 
 namespace {
-
-struct Contaminated {
-  MeasurementGraph graph;
-  Rotations truth;
-  std::vector<bool> is_wrong;
-};
-
-/// Measurements of random rotations, a share of them random instead.
-Contaminated contaminated(Random& random, const test::Pairs& pairs, double noise, double share) {
-  const Rotations truth = random.rotations(test::num_nodes(pairs));
-  auto measurements = test::measure(random, pairs, truth, noise);
-  std::vector<bool> is_wrong(measurements.size(), false);
-  for (std::size_t k = 0; k < measurements.size(); ++k) {
-    if (random.uniform(0.0, 1.0) >= share) continue;
-    measurements[k].i_from_j = random.rotation();
-    is_wrong[k] = true;
-  }
-  return {MeasurementGraph(measurements), truth, is_wrong};
-}
 
 /// The largest angle between two sets of rotations after those of node 0 were laid on each other.
 double largest_error(const Rotations& R, const Rotations& truth) {
@@ -123,56 +106,6 @@ TEST_CASE("the robust objective of l2 is f, and its gradient that of the weighte
       const double slope = (value(plus, loss) - value(minus, loss)) / (2.0 * h);
       CHECK(slope == doctest::Approx(g[i].dot(direction)).epsilon(1e-6).scale(1.0));
     }
-  }
-}
-
-TEST_CASE("reweighting never lets the robust objective rise, with any inner solver") {
-  Random random;
-  INFO(random.replay());
-  const auto [graph, truth, is_wrong] =
-      contaminated(random, test::random_connected(random, 60, 300), 0.05, 0.3);
-  for (const Method method : {Method::bcd, Method::sum, Method::newton, Method::automatic}) {
-    for (const Loss kind :
-         {Loss::huber, Loss::l1, Loss::l_half, Loss::cauchy, Loss::geman_mcclure, Loss::tls}) {
-      CAPTURE(static_cast<int>(method));
-      CAPTURE(static_cast<int>(kind));
-      IterationOptions options;
-      options.max_iterations = 30;
-      const IterationResult result = irls(graph, random.rotations(60), {kind, 0.1}, {},
-                                          inner_steps(graph, method, 1), 0.0, options);
-      REQUIRE(result.trace.size() > 2);
-      for (std::size_t k = 1; k < result.trace.size(); ++k) {
-        const double before = result.trace[k - 1].objective;
-        CHECK(result.trace[k].objective <= before * (1.0 + 1e-12));
-      }
-      CHECK(result.objective < result.trace.front().objective);
-    }
-  }
-}
-
-TEST_CASE("a reweighted sweep sets the weights anew before every node") {
-  Random random;
-  INFO(random.replay());
-  const MeasurementGraph graph(
-      test::simulate(random, test::random_connected(random, 25, 60), 0.4));  // of all degrees
-  for (const Loss kind :
-       {Loss::huber, Loss::l1, Loss::l_half, Loss::cauchy, Loss::geman_mcclure, Loss::tls}) {
-    CAPTURE(static_cast<int>(kind));
-    const RobustLoss loss{kind, 0.3};
-    const Rotations start = random.rotations(25);
-    const Monitor monitor(graph, start, {});
-    Quaternions q = to_quaternions(start), expected = q;
-    const std::vector<double> ones;
-    RobustResiduals residuals(graph, ones, 1), newest(graph, ones, 1);
-    residuals.update(q, loss);
-    reweighted_sweep(residuals, q, monitor);
-    MeasurementGraph weighted = graph;
-    for (Index l = 0; l < 25; ++l) {
-      newest.update(expected, loss);
-      weighted.set_weights(newest.weights());
-      expected[l] = loso(davenport_matrix(weighted, expected, l), expected[l]);
-    }
-    for (Index l = 0; l < 25; ++l) CHECK(chordal_distance(q[l], expected[l]) < 1e-9);
   }
 }
 
