@@ -178,8 +178,8 @@ class StorySearch {
     agreeing_ += agrees;
     // Against the first it has to be clear; others are compared among each other on equal terms.
     const bool better = may_be_best && closes_cycles(story.x, graph_.num_nodes()) &&
-                        evidence_->compare(story.x, stories_[0].x).clear() &&
-                        (best_ == 0 || evidence_->compare(story.x, best().x).lead() > 0.0);
+                        compare(story, stories_[0]).clear() &&
+                        (best_ == 0 || compare(story, best()).lead() > 0.0);
     if (!better && is_known(story)) return false;
     if (better) {
       if (!agrees) agreeing_ = 0;
@@ -212,6 +212,19 @@ class StorySearch {
     const auto group = shared_groups(graph_, a.rotations, b.rotations, tolerance());
     return std::count(group.begin(), group.end(), 0) <
            static_cast<std::ptrdiff_t>((1.0 - few_cameras) * static_cast<double>(group.size()));
+  }
+  /// What speaks for one of two answers. Of cameras that they place otherwise one by one, each
+  /// where its few voices are, these are no evidence, as the answer was made by them; they are one
+  /// where one cause moves many cameras alike.
+  Comparison compare(const Story& a, const Story& b) const {
+    constexpr double least = 3.0;
+    const auto group = shared_groups(graph_, a.rotations, b.rotations, tolerance());
+    std::vector<double> size(1 + *std::max_element(group.begin(), group.end()), 0.0);
+    for (const Index g : group) size[g] += 1.0;
+    const double few = std::max(least, few_cameras * graph_.num_nodes());
+    std::vector<bool> apart(group.size());
+    for (std::size_t i = 0; i < group.size(); ++i) apart[i] = group[i] != 0 && size[group[i]] < few;
+    return evidence_->compare(a.x, b.x, apart);
   }
   bool is_known(const Story& story) const {
     return std::any_of(stories_.begin(), stories_.end(),
