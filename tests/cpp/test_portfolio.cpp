@@ -191,14 +191,18 @@ TEST_CASE("a few heavy wrong edges that agree on a turn take no place from a rig
 TEST_CASE("cameras placed one by one by their few voices take no place from a right answer") {
   Random random;
   INFO(random.replay());
-  // Of each two of three groups one is mistaken for the other, so that wrong edges agree, in no
-  // place that many cameras have in common.
-  constexpr Index n = 300, groups = 3;
-  const Rotations truth = random.rotations(n), turn = random.rotations(groups * groups);
+  constexpr Index n = 300;
+  const Rotations truth = random.rotations(n);
   for (int k = 0; k < 4; ++k) {
+    // Of each two groups one is mistaken for the other, so that wrong edges agree, but in no place
+    // that many cameras have in common. Weights, if there are any, have nothing to say.
+    const bool uneven = k % 2 == 1;
+    const Index groups = uneven ? 10 : 3;
+    const Rotations turn = random.rotations(groups * groups);
     std::vector<RelativeRotation> measurements =
         test::measure(random, test::random_connected(random, n, 9 * n), truth, 0.02);
     for (RelativeRotation& m : measurements) {
+      if (uneven) m.weight = std::exp(0.5 * random.normal());
       const auto a = m.i % groups, b = m.j % groups;
       if (a == b || random.uniform(0.0, 1.0) >= 0.45) continue;
       const Matrix3& wrong = turn[std::min(a, b) * groups + std::max(a, b)];
@@ -216,7 +220,39 @@ TEST_CASE("cameras placed one by one by their few voices take no place from a ri
       }
       return std::min(count, n - count);  // node 0 may be one of them
     };
+    CAPTURE(uneven);
     CHECK(misplaced(solve_robust(graph, options).rotations) <=
           misplaced(solve_robust(graph, options, cauchy).rotations) + n / 50);
   }
+}
+
+TEST_CASE("edges at cameras that do not count have no voice, and weigh nothing") {
+  Random random;
+  INFO(random.replay());
+  const test::Pairs pairs = test::complete(12);
+  const MeasurementGraph graph = test::simulate_graph(random, pairs, 0.01);
+  std::vector<double> relative, x, other;
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    relative.push_back(random.power_of_ten(-1, 1));
+    const bool first = random.coin();
+    x.push_back(first ? 1.0 : 100.0);
+    other.push_back(first ? 100.0 : 1.0);
+  }
+  const Evidence evidence(graph, std::vector<double>(pairs.size(), 1.0), relative);
+  std::vector<bool> uncounted(12, false);
+  const Comparison all = evidence.compare(x, other), same = evidence.compare(x, other, uncounted);
+  CHECK(all.edges() + all.other_edges() == graph.num_edges());
+  CHECK(same.in_weight == all.in_weight);
+  uncounted[3] = uncounted[7] = true;
+  const Comparison c = evidence.compare(x, other, uncounted);
+  CHECK(c.edges() + c.other_edges() == 45);  // between the ten others
+  for (const Index k : c.only_first) {
+    CHECK(x[k] < other[k]);
+    CHECK_FALSE(uncounted[graph.edges()[k].i]);
+  }
+  CHECK(c.voices + c.other_voices < all.voices + all.other_voices);
+  uncounted.assign(12, true);
+  const Comparison none = evidence.compare(x, other, uncounted);
+  CHECK(none.lead() == 0.0);
+  CHECK_FALSE(none.clear());
 }

@@ -1,18 +1,15 @@
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <vector>
 
 #include <doctest/doctest.h>
 
 #include <rotavg/graph/bridges.hpp>
 #include <rotavg/graph/parts.hpp>
-#include <rotavg/problem/davenport.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/robust/cycles.hpp>
 #include <rotavg/robust/inner.hpp>
-#include <rotavg/robust/irls.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/reweighted_sweep.hpp>
 #include <rotavg/robust/votes.hpp>

@@ -87,24 +87,24 @@ class Evidence {
 
   /// @param x, other squared residuals (m,) in units of the noise: an edge is explained by an
   ///        answer if they are clearly smaller, by half of the sixteen up to which they count
-  /// @param apart (n,) nodes whose edges are not counted, nor their voices: only weighed; empty:
-  /// none
+  /// @param uncounted (n,) nodes whose edges do not count; empty: none
   Comparison compare(const std::vector<double>& x, const std::vector<double>& other,
-                     const std::vector<bool>& apart = {}) const {
+                     const std::vector<bool>& uncounted = {}) const {
     constexpr double most = 16.0;
     Comparison c;
-    std::vector<Index> first, second;  // those that are weighed
     for (std::size_t k = 0; k < x.size(); ++k) {
-      const double gain = std::min(other[k], most) - std::min(x[k], most);
-      if (std::abs(gain) <= 0.5 * most) continue;
-      const bool is_first = gain > 0.0;
-      (is_first ? first : second).push_back(static_cast<Index>(k));
       const Edge& e = graph_->edges()[k];
-      if (!apart.empty() && (apart[e.i] || apart[e.j])) continue;
-      (is_first ? c.voices : c.other_voices) += voices_[k];
-      (is_first ? c.only_first : c.only_other).push_back(static_cast<Index>(k));
+      if (!uncounted.empty() && (uncounted[e.i] || uncounted[e.j])) continue;
+      const double gain = std::min(other[k], most) - std::min(x[k], most);
+      if (gain > 0.5 * most) {
+        c.voices += voices_[k];
+        c.only_first.push_back(static_cast<Index>(k));
+      } else if (gain < -0.5 * most) {
+        c.other_voices += voices_[k];
+        c.only_other.push_back(static_cast<Index>(k));
+      }
     }
-    c.in_weight = contrast(first, second);
+    c.in_weight = contrast(c.only_first, c.only_other);
     return c;
   }
 

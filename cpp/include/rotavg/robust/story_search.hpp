@@ -213,18 +213,21 @@ class StorySearch {
     return std::count(group.begin(), group.end(), 0) <
            static_cast<std::ptrdiff_t>((1.0 - few_cameras) * static_cast<double>(group.size()));
   }
-  /// What speaks for one of two answers. Of cameras that they place otherwise one by one, each
-  /// where its few voices are, these are no evidence, as the answer was made by them; they are one
-  /// where one cause moves many cameras alike.
+  /// What speaks for one of two answers. Edges at cameras that the two place otherwise in groups of
+  /// fewer than three, or of two in a hundred, do not count: where every camera is placed by itself
+  /// to meet its few strongest edges, or its heaviest, these are no evidence, as the answer was
+  /// made by them. (What is told of an answer counts all edges: rather too much than too little.)
   Comparison compare(const Story& a, const Story& b) const {
     constexpr double least = 3.0;
     const auto group = shared_groups(graph_, a.rotations, b.rotations, tolerance());
     std::vector<double> size(1 + *std::max_element(group.begin(), group.end()), 0.0);
     for (const Index g : group) size[g] += 1.0;
     const double few = std::max(least, few_cameras * graph_.num_nodes());
-    std::vector<bool> apart(group.size());
-    for (std::size_t i = 0; i < group.size(); ++i) apart[i] = group[i] != 0 && size[group[i]] < few;
-    return evidence_->compare(a.x, b.x, apart);
+    std::vector<bool> uncounted(group.size());
+    for (std::size_t i = 0; i < group.size(); ++i) {
+      uncounted[i] = group[i] != 0 && size[group[i]] < few;
+    }
+    return evidence_->compare(a.x, b.x, uncounted);
   }
   bool is_known(const Story& story) const {
     return std::any_of(stories_.begin(), stories_.end(),
