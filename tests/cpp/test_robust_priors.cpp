@@ -18,6 +18,21 @@
 using namespace rotavg;
 using rotavg::test::Random;
 
+namespace {
+
+/// Rotations of the cameras of frames with two each, in the rig that the priors receive.
+Rotations two_cameras_each(Random& random, Index frames, Priors& priors) {
+  const Rotations rig = random.rotations(2), Q = random.rotations(frames);
+  Rotations truth;
+  for (Index i = 0; i < 2 * frames; ++i) {
+    truth.push_back(Q[i / 2] * rig[i % 2]);
+    priors.rigs.push_back({i, i / 2, rig[i % 2]});
+  }
+  return truth;
+}
+
+}  // namespace
+
 TEST_CASE("wrong priors do not tilt the world: a loss on gravity and absolute rotations") {
   Random random;
   INFO(random.replay());
@@ -102,13 +117,8 @@ TEST_CASE(
   Random random;
   INFO(random.replay());
   constexpr Index frames = 30, n = 2 * frames;
-  const Rotations rig = random.rotations(2), Q = random.rotations(frames);
-  Rotations truth;
   Priors priors;
-  for (Index i = 0; i < n; ++i) {
-    truth.push_back(Q[i / 2] * rig[i % 2]);
-    priors.rigs.push_back({i, i / 2, rig[i % 2]});
-  }
+  const Rotations truth = two_cameras_each(random, frames, priors);
   test::Pairs pairs;
   for (const auto& [i, j] : test::random_connected(random, n, 5 * n)) {
     if (i / 2 != j / 2) pairs.emplace_back(i, j);
@@ -157,13 +167,8 @@ TEST_CASE("robust losses take no notice of outliers where there are priors and r
   Random random;
   INFO(random.replay());
   constexpr Index frames = 25, n = 2 * frames;
-  const Rotations rig = random.rotations(2), Q = random.rotations(frames);
-  Rotations truth;
   Priors priors;
-  for (Index i = 0; i < n; ++i) {
-    truth.push_back(Q[i / 2] * rig[i % 2]);
-    priors.rigs.push_back({i, i / 2, rig[i % 2]});
-  }
+  const Rotations truth = two_cameras_each(random, frames, priors);
   const test::Pairs pairs = test::random_connected(random, n, 8 * n);
   auto measurements = test::measure(random, pairs, truth, 0.01);
   std::vector<bool> wrong;
