@@ -77,8 +77,11 @@ class Network:
         ]
 
     def forget_edges(self) -> None:
-        """Keep of the parts only who they are and whom they tell what."""
-        self.parts = self.each(without_edges)
+        """Keep of the parts only who they are and whom they tell what.
+
+        The edges of a part are gone as soon as the tasks are done that were asked for before.
+        """
+        self.parts = self.each(without_edges, priority=1)
 
     def done(self, futures: Sequence[Any], deadline: Deadline) -> bool:
         """Whether these are done before the deadline; waits for either."""

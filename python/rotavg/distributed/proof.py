@@ -54,10 +54,10 @@ def prove(
     measure = _measured(network, state.rotations, component, num_components)
     degrees = network.with_neighbours(as_they_are, network.each(_degree))
     operators = network.with_neighbours(make_operator, state.rotations, degrees, component)
-    sums = network.each(_told, operators, count=num_components)
     gathered = measure.num_edges <= GATHERED
-    if not gathered:  # a part's edges make room for its operator
+    if not gathered:  # a part's edges make room for the operator of the next
         network.forget_edges()
+    sums = network.each(_told, operators, count=num_components)
     if not network.done(sums, deadline):
         return None
     told = Told.joined(network.gather(sums))
