@@ -40,6 +40,29 @@ struct CertificateAt {
 
 }  // namespace
 
+TEST_CASE("sums at the nodes: what edges cost, and how far their blocks are from w I") {
+  Random random;
+  INFO(random.replay());
+  for (int k = 0; k < 50; ++k) {
+    const MeasurementGraph graph = small_graph(random, 0.5);
+    const Rotations R = random.rotations(graph.num_nodes());
+    const CertificateAt at(graph, R);
+    double cost = 0.0;
+    for (Index i = 0; i < graph.num_nodes(); ++i) {
+      double reach = 0.0;
+      for (const Edge& e : graph.edges()) {
+        if (e.i != i && e.j != i) continue;
+        // Of a rotation less I the singular values are s, s and 0.
+        const Matrix3 off = R[e.i] * e.i_from_j() * R[e.j].transpose() - Matrix3::Identity();
+        reach += e.weight * off.norm() / std::sqrt(2.0);
+      }
+      REQUIRE(at.sums.reach(i) == doctest::Approx(reach).epsilon(1e-12));
+      cost += 0.5 * at.sums.cost(i);
+    }
+    REQUIRE(cost == doctest::Approx(objective(graph, R)).epsilon(1e-12));
+  }
+}
+
 TEST_CASE("S is Lambda - Rt, as an operator and as a sparse matrix without its first nodes") {
   Random random;
   INFO(random.replay());

@@ -143,6 +143,19 @@ def test_notebooks_show_what_print_says() -> None:
     assert parser.cells[-1] == "a < b & c"
 
 
+def test_reprs_tell_what_arrays_there_are_and_not_what_is_in_them() -> None:
+    data = rotavg.simulate("sphere", 60, noise=0.05, outliers=0.2, outlier_clusters=3, seed=1)
+    solution = rotavg.solve(data.graph, loss="auto")
+    assert solution.robust is not None
+    assert f"edge_weights=<float64 ({data.graph.num_edges},)>" in repr(solution.robust)
+    assert "loss='cauchy'" in repr(solution.robust)
+    evidence = rotavg.cycle_evidence(data.graph, 0.1)
+    for result in (solution.robust, solution.trace, rotavg.compare(solution, data.truth), evidence):
+        shown = repr(result)
+        assert "\n" not in shown
+        assert len(shown) < 500
+
+
 def test_completion_shows_public_names_only() -> None:
     shown = dir(rotavg)
     assert set(rotavg.__all__) <= set(shown)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import fields
 from typing import Any, TypeVar
 
 import numpy as np
@@ -13,8 +14,34 @@ from rotavg.base.errors import GraphError
 Array = TypeVar("Array", bound="NDArray[Any]")
 
 
+def _brief(value: Any) -> str:
+    """An array, or a tuple of more than numbers, by what it is; else its repr."""
+    few = 4
+    if isinstance(value, np.ndarray) and value.size > few:
+        kind = "str" if value.dtype.kind == "U" else value.dtype
+        return f"<{kind} {value.shape}>"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, tuple) and value and not isinstance(value[0], (int, float, str)):
+        return f"<{len(value)} {type(value[0]).__name__}>"
+    return repr(value)
+
+
+def _brief_repr(self: Any) -> str:
+    shown = [f"{f.name}={_brief(getattr(self, f.name))}" for f in fields(self) if f.repr]
+    return f"{type(self).__name__}({', '.join(shown)})"
+
+
 class ReadOnly:
-    """What has read-only arrays, and keeps them so when it is unpickled or copied deeply."""
+    """A dataclass with read-only arrays, which stay so when it is unpickled or copied deeply.
+
+    Its repr tells what arrays there are, and not what is in them.
+    """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if cls.__repr__ in (object.__repr__, _brief_repr):
+            cls.__repr__ = _brief_repr  # type: ignore[method-assign]  # before dataclass makes one
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for value in state.values():

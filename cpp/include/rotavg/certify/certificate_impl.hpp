@@ -30,9 +30,28 @@ namespace rotavg {
 
 namespace detail {
 
-inline std::vector<Measure> measure_components(const ResidualQuaternions& residuals,
-                                               const Components& components,
-                                               const GravityPairs& gravity) {
+/// No edge counts for more than so many times the lightest (Measure::weight).
+constexpr double most_of_lightest = 1000.0;
+
+/// Where every edge counts for what it weighs: from the sums at the nodes, without a further pass.
+inline std::vector<Measure> measure_by_nodes(const NodeSums& sums, const Components& components) {
+  std::vector<Measure> measures(components.nodes.size());
+  for (std::size_t c = 0; c < measures.size(); ++c) {
+    Measure& measure = measures[c];
+    for (const Index i : components.nodes[c]) {
+      measure.total_weight += 0.5 * sums.graph().degree(i);
+      measure.num_edges += 0.5 * static_cast<double>(sums.graph().row(i).size());
+      measure.objective += 0.5 * sums.cost(i);
+    }
+    measure.weight = measure.total_weight;
+  }
+  return measures;
+}
+
+/// Edge by edge. Of the edges of gravity only what is left at the best heading is counted.
+inline std::vector<Measure> measure_by_edges(const ResidualQuaternions& residuals,
+                                             const Components& components,
+                                             const GravityPairs& gravity) {
   const MeasurementGraph& graph = residuals.graph();
   const auto size = components.nodes.size();
   // Parts of the edges, each with sums of its own, where there are not many components.
@@ -67,17 +86,26 @@ inline std::vector<Measure> measure_components(const ResidualQuaternions& residu
   for (const auto& part : of_part) {
     for (std::size_t c = 0; c < size; ++c) measures[c] += part[c];
   }
-  for (Measure& measure : measures) {
-    const double summing = unit_roundoff * measure.num_edges * measure.objective;
-    measure.objective += objective_rounding(measure.total_weight, measure.objective) + summing;
-    measure.weight = measure.total_weight;
-  }
-  constexpr double most = 1000.0;
-  if (graph.max_weight() <= most * graph.min_weight()) return measures;
-  for (Measure& measure : measures) measure.weight = 0.0;
-  for (Index k = 0; k < graph.num_edges(); ++k) {
+  for (Index k = 0; k < m; ++k) {
     const Index c = components.label[graph.quaternion_edges()[k].i];
-    measures[c].weight += std::min(residuals()[k].squaredNorm(), most * measures[c].lightest);
+    const double most = most_of_lightest * measures[c].lightest;
+    measures[c].weight += std::min(residuals()[k].squaredNorm(), most);
+  }
+  return measures;
+}
+
+inline std::vector<Measure> measure_components(const NodeSums& sums, const Components& components,
+                                               const GravityPairs& gravity) {
+  const MeasurementGraph& graph = sums.graph();
+  const bool by_nodes =
+      gravity.first.empty() && graph.max_weight() <= most_of_lightest * graph.min_weight();
+  std::vector<Measure> measures = by_nodes
+                                      ? measure_by_nodes(sums, components)
+                                      : measure_by_edges(sums.residuals(), components, gravity);
+  for (Measure& measure : measures) {
+    // Of summing, in parts of the edges or of the nodes.
+    const double summing = unit_roundoff * (2.0 * measure.num_edges + 32.0) * measure.objective;
+    measure.objective += objective_rounding(measure.total_weight, measure.objective) + summing;
   }
   return measures;
 }
@@ -95,7 +123,7 @@ ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations
   const Quaternions q = to_quaternions(R);
   const ResidualQuaternions residuals(graph, q, num_threads);
   const NodeSums sums(residuals);
-  const auto measures = detail::measure_components(residuals, components, gravity);
+  const auto measures = detail::measure_components(sums, components, gravity);
   std::vector<ComponentCertificate> parts;
   for (Index c = 0; c < components.size(); ++c) {
     ComponentCertificate part;

@@ -36,7 +36,9 @@ class NodeSums {
   explicit NodeSums(const ResidualQuaternions& residuals)
       : residuals_(residuals),
         diagonal_(residuals.graph().nodes().size()),
-        gradient_(diagonal_.size()) {
+        gradient_(diagonal_.size()),
+        cost_(diagonal_.size()),
+        reach_(diagonal_.size()) {
     const auto sums = sums_at_nodes<Sum>(
         graph(), residuals.num_threads(),
         [&](const HalfEdge& h, Sum& sum) {
@@ -48,9 +50,10 @@ class NodeSums {
           at_j.add(residuals_()[k], -1.0);
         });
     parallel_for(static_cast<Index>(sums.size()), residuals.num_threads(), [&](Index i) {
-      diagonal_[i] = -sums[i].less;
-      add_to_diagonal(diagonal_[i], graph().degree(i));
+      diagonal_[i] = sums[i].diagonal(graph().degree(i));
       gradient_[i] = sums[i].gradient;
+      cost_[i] = sums[i].cost();
+      reach_[i] = sums[i].reach;
     });
   }
 
@@ -59,29 +62,51 @@ class NodeSums {
   /// sum_j w sym E_ij = sum_j w I - 2 (|v|^2 I - v v^T)
   const Matrix3& diagonal(Index i) const { return diagonal_[i]; }
   const Vector3& gradient(Index i) const { return gradient_[i]; }
+  /// What the edges at a node cost: half of it is its part of f(R).
+  double cost(Index i) const { return cost_[i]; }
+  /// sum_j |E_ij - w I|_2 = sum_j w 2 sin(angle_ij / 2) = sum_j 2 sqrt(w) |v_ij|
+  double reach(Index i) const { return reach_[i]; }
 
  private:
   /// Of the edges at one node.
   struct Sum {
-    Matrix3 less = Matrix3::Zero();  ///< sum 2 (|v|^2 I - v v^T)
+    /// sum x^2, y^2, z^2, and sum x y, x z, y z: the entries of sum v v^T.
+    Vector3 squares = Vector3::Zero(), products = Vector3::Zero();
     Vector3 gradient = Vector3::Zero();
+    double reach = 0.0;
 
     EIGEN_STRONG_INLINE void add(const Vector4& e, double sign) {
-      const Vector3 v = vector_part(e);
-      less += outer_product(-2.0 * v, v);
-      add_to_diagonal(less, 2.0 * dot(v, v));
+      const Vector3 v = vector_part(e), square(v.x() * v.x(), v.y() * v.y(), v.z() * v.z());
+      squares += square;
+      products += Vector3(v.x() * v.y(), v.x() * v.z(), v.y() * v.z());
       gradient += (sign * 8.0 * e.w()) * v;
+      const double of_v = square.x() + square.y() + square.z();
+      reach += 2.0 * std::sqrt(of_v * (of_v + e.w() * e.w()));
     }
     Sum& operator+=(const Sum& other) {
-      less += other.less;
+      squares += other.squares;
+      products += other.products;
       gradient += other.gradient;
+      reach += other.reach;
       return *this;
+    }
+    double cost() const { return 8.0 * (squares.x() + squares.y() + squares.z()); }
+    /// sum w sym E_ij of edges of these weights in all.
+    Matrix3 diagonal(double degree) const {
+      const double xx = squares.x(), yy = squares.y(), zz = squares.z();
+      const double xy = 2.0 * products.x(), xz = 2.0 * products.y(), yz = 2.0 * products.z();
+      Matrix3 result;
+      result << degree - 2.0 * (yy + zz), xy, xz,  //
+          xy, degree - 2.0 * (xx + zz), yz,        //
+          xz, yz, degree - 2.0 * (xx + yy);
+      return result;
     }
   };
 
   const ResidualQuaternions& residuals_;
   std::vector<Matrix3> diagonal_;
   std::vector<Vector3> gradient_;
+  std::vector<double> cost_, reach_;
 };
 
 /// S = Lambda - Rt (Theorem 1, (5)) of one connected component, n nodes, with
@@ -113,6 +138,8 @@ class CertificateMatrix {
   Index num_nodes() const { return static_cast<Index>(nodes_.size()); }
   Eigen::Index size() const { return 3 * static_cast<Eigen::Index>(num_nodes()); }
   const Matrix3& diagonal(Index a) const { return sums_.diagonal(nodes_[a]); }
+  /// sum_j |E_ij - w I|_2
+  double reach(Index a) const { return sums_.reach(nodes_[a]); }
 
   /// S X, without forming S.
   Eigen::MatrixXd apply(const Eigen::MatrixXd& X) const {

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include <rotavg/certify/certificate_impl.hpp>
+#include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/certify/certify_with_priors.hpp>
 #include <rotavg/certify/excess.hpp>
 #include <rotavg/compiled.hpp>
@@ -73,9 +74,9 @@ ROTAVG_INLINE Certificate certify(const GroundedGraph& problem, const Rotations&
   // That is of Q; f(R) - f* = f(Q) - f* + the excess of R.
   const std::vector<double> excess = detail::excess_of(problem, R, held);
   const int num_threads = resolve_num_threads(options.num_threads, problem.graph().num_edges());
-  const auto measures = detail::measure_components(
-      ResidualQuaternions(problem.graph(), to_quaternions(Q), num_threads), problem.components(),
-      problem.gravity());
+  const ResidualQuaternions residuals(problem.graph(), to_quaternions(Q), num_threads);
+  const auto measures =
+      detail::measure_components(NodeSums(residuals), problem.components(), problem.gravity());
   detail::add_excess(excess, measures, options.tolerance, certificate);
   return certificate;
 }

@@ -16,10 +16,7 @@
 #include <rotavg/linalg/partial_cholesky.hpp>
 #include <rotavg/linalg/small_eigen.hpp>
 #include <rotavg/parallel/interruption.hpp>
-#include <rotavg/parallel/prefetch.hpp>
 #include <rotavg/parallel/threads.hpp>
-#include <rotavg/problem/sums_at_nodes.hpp>
-#include <rotavg/so3/quaternion.hpp>
 #include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
@@ -54,25 +51,12 @@ class Connectivity {
     constexpr double margin = 1.0 + 1e-10;  // for rounding in d, r and the degrees
     const MeasurementGraph& graph = S.graph();
     const int num_threads = S.residuals().num_threads();
-    const auto r_of = [&](Index k) {
-      const Vector4& e = S.residuals()()[k];
-      return 2.0 * std::sqrt(vector_square(e)) * e.norm();
-    };
-    const auto r = sums_at_nodes<double>(
-        graph, num_threads, [&](const HalfEdge& h, double& sum) { sum += r_of(h.edge()); },
-        [&](Index k, double& at_i, double& at_j) {
-          prefetch_ahead(S.residuals()(), k);
-          const double r_ij = r_of(k);
-          at_i += r_ij;
-          at_j += r_ij;
-        });
     parallel_for(S.num_nodes(), num_threads, [&](Index a) {
-      const Index i = S.nodes()[a];
-      const double degree = graph.degree(i);
+      const double degree = graph.degree(S.nodes()[a]);
       Matrix3 N = S.diagonal(a);
       add_to_diagonal(N, -degree);
       const double d = -small_eigen(N).values(0);
-      left_[a] = degree - margin * (d + r[i]) - (margin - 1.0) * degree;
+      left_[a] = degree - margin * (d + S.reach(a)) - (margin - 1.0) * degree;
     });
     double min_degree = std::numeric_limits<double>::infinity();
     for (const Index i : S.nodes()) {
@@ -114,7 +98,7 @@ class Connectivity {
       column[a] += left_[a];
       for (const HalfEdge& h : S_.graph().row(S_.nodes()[a])) {
         const Index b = row(h.node);
-        if (b > a) column[b] -= h.node_from_l.squaredNorm();  // the weight
+        if (b > a) column[b] -= S_.graph().weights()[h.edge()];
       }
     });
     double trace = 0.0;
@@ -146,6 +130,7 @@ class Connectivity {
     std::vector<double> inverse;  // of D
     for (const double left : left_) sum_v += inverse.emplace_back(unit / left);
     sum_v *= sum_v;
+    const std::vector<double>& weights = S_.graph().weights();
     constexpr Index shares = 16;  // of the nodes, each with weights of its own
     std::vector<std::pair<double, double>> of_share(shares);
     parallel_for(shares, S_.residuals().num_threads(), [&](Index share) {
@@ -154,7 +139,7 @@ class Connectivity {
       for (Index a = share; a < S_.num_nodes(); a += shares) {
         const auto half_edges = S_.graph().row(S_.nodes()[a]);
         for (const HalfEdge& h : half_edges) {
-          if (row(h.node) > a) weight[row(h.node)] += h.node_from_l.squaredNorm() / unit;
+          if (row(h.node) > a) weight[row(h.node)] += weights[h.edge()] / unit;
         }
         double va_of_a = 0.0, vaa_of_a = 0.0;
         for (const HalfEdge& h : half_edges) {
