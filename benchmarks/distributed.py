@@ -2,7 +2,7 @@
 
     python -m benchmarks.distributed families --workers 1 2 4    # n = 1e5, three families
     python -m benchmarks.distributed rounds --parts 2 4 8 16 32 64
-    python -m benchmarks.distributed chunks --nodes 3000000 --edges 30000000 --workers 4 --parts 32
+    python -m benchmarks.distributed chunks --nodes 3e6 --edges 3e7 --workers 4 --parts 32
     python -m benchmarks.distributed scheduler    # what a task costs
     python -m benchmarks.distributed plan --nodes 1e8 --edges 1e10 --parts 512 1024 --anywhere 0
 
@@ -208,6 +208,7 @@ def chunks(arguments: argparse.Namespace) -> None:
         arguments.workers[-1],
         arguments.parts[-1],
         tolerance=arguments.tolerance,
+        max_rounds=arguments.rounds,
         callback=lambda r: print(
             f"round {r.number}: {r.objective:.12g}, {r.relative_gradient:.1e} rad, {r.kind}, "
             f"{r.seconds:.0f} s",
@@ -262,6 +263,7 @@ def main() -> None:
     parser.add_argument("--anywhere", type=float, default=0.01)
     parser.add_argument("--tasks", type=int, default=10_000)
     parser.add_argument("--tolerance", type=float, default=1e-6)
+    parser.add_argument("--rounds", type=int, default=200, help="of chunks, at most")
     add_arguments(parser)
     arguments = parser.parse_args()
     commands[arguments.what](arguments)

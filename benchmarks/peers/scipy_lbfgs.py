@@ -61,13 +61,18 @@ class Lbfgs:
         return self.at(self.result.x)
 
     def claim(self) -> str:
-        # F is a difference, 6 sum w - ...: what a step along a smaller gradient would gain is lost
-        # in its rounding, and a line search that looks for it ends as "abnormal".
-        mean_degree = self.constant / self.start.size * 3.0
-        lost = np.sqrt(2.0 * np.finfo(np.float64).eps * self.constant * mean_degree)
-        converged = self.result.success or np.abs(self.result.jac).max() <= lost
-        end = "converged" if converged else str(self.result.message).lower()
+        end = "converged" if self.result.success else str(self.result.message).lower().strip(" :")
+        if end == "abnormal" and np.abs(self.result.jac).max() <= self.lost:
+            end = "converged as far as rounding lets it"
         return f"{end} ({self.result.nit} its)"
+
+    @property
+    def lost(self) -> float:
+        """F is a difference, 6 sum w - …: what a step along a smaller gradient would gain is lost
+        in its rounding, and a line search that looks for it ends as "abnormal".
+        """
+        mean_degree = self.constant / self.start.size * 3.0
+        return float(np.sqrt(2.0 * np.finfo(np.float64).eps * self.constant * mean_degree))
 
 
 def _pulled_back(w: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float64]:

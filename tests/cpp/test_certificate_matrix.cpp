@@ -4,6 +4,7 @@
 
 #include <doctest/doctest.h>
 
+#include <rotavg/certify/certificate_impl.hpp>
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
@@ -38,28 +39,64 @@ struct CertificateAt {
   CertificateAt(const CertificateAt&) = delete;
 };
 
+/// Of six nodes, over 100 for each.
+MeasurementGraph parallel_edges(Random& random) {
+  std::vector<RelativeRotation> edges;
+  for (int k = 0; k < 900; ++k) {
+    edges.push_back({k % 6, (k + 1 + k % 5) % 6, random.rotation(), random.uniform(0.5, 2.0)});
+  }
+  return MeasurementGraph(edges);
+}
+
 }  // namespace
 
 TEST_CASE("sums at the nodes: what edges cost, and how far their blocks are from w I") {
   Random random;
   INFO(random.replay());
   for (int k = 0; k < 50; ++k) {
-    const MeasurementGraph graph = small_graph(random, 0.5);
+    // So many parallel edges that they are summed in parts, and a few.
+    const MeasurementGraph graph = k < 5 ? parallel_edges(random) : small_graph(random, 0.5);
     const Rotations R = random.rotations(graph.num_nodes());
     const CertificateAt at(graph, R);
-    double cost = 0.0;
-    for (Index i = 0; i < graph.num_nodes(); ++i) {
-      double reach = 0.0;
-      for (const Edge& e : graph.edges()) {
-        if (e.i != i && e.j != i) continue;
-        // Of a rotation less I the singular values are s, s and 0.
-        const Matrix3 off = R[e.i] * e.i_from_j() * R[e.j].transpose() - Matrix3::Identity();
-        reach += e.weight * off.norm() / std::sqrt(2.0);
+    std::vector<double> reach(R.size(), 0.0), cost(R.size(), 0.0);
+    for (const Edge& e : graph.edges()) {
+      const Matrix3 off = R[e.i] * e.i_from_j() * R[e.j].transpose() - Matrix3::Identity();
+      for (const Index i : {e.i, e.j}) {
+        reach[i] += e.weight * off.norm() / std::sqrt(2.0);  // its singular values are s, s and 0
+        cost[i] += e.weight * off.squaredNorm();
       }
-      REQUIRE(at.sums.reach(i) == doctest::Approx(reach).epsilon(1e-12));
-      cost += 0.5 * at.sums.cost(i);
     }
-    REQUIRE(cost == doctest::Approx(objective(graph, R)).epsilon(1e-12));
+    for (Index i = 0; i < graph.num_nodes(); ++i) {
+      REQUIRE(at.sums.reach(i) == doctest::Approx(reach[i]).epsilon(1e-12));
+      REQUIRE(at.sums.cost(i) == doctest::Approx(cost[i]).epsilon(1e-12));
+    }
+  }
+}
+
+TEST_CASE("components measure the same by their nodes and by their edges") {
+  Random random;
+  INFO(random.replay());
+  for (const double unit : {1e-100, 1.0, 1e97}) {
+    std::vector<RelativeRotation> edges;
+    for (int k = 0; k < 60; ++k) {
+      const NodeId i = k % 7, j = (k + 1 + k / 7) % 7;
+      if (i == j) continue;
+      const NodeId other = k % 2 == 0 ? 0 : 10;  // component
+      edges.push_back({other + i, other + j, random.rotation(), unit * random.uniform(1.0, 1e3)});
+    }
+    std::vector<NodeId> nodes{100};  // by itself
+    for (NodeId i = 0; i < 7; ++i) nodes.insert(nodes.end(), {i, 10 + i});
+    const MeasurementGraph graph(edges, nodes);
+    const CertificateAt at(graph, random.rotations(graph.num_nodes()));
+    REQUIRE(at.components.size() == 3);
+    const auto by_nodes = detail::measure_by_nodes(at.sums, at.components);
+    const auto by_edges = detail::measure_by_edges(at.residuals, at.components, {});
+    for (std::size_t c = 0; c < 3; ++c) {
+      INFO(unit, " ", c);
+      REQUIRE(by_nodes[c].objective == doctest::Approx(by_edges[c].objective).epsilon(1e-12));
+      REQUIRE(by_nodes[c].weight == doctest::Approx(by_edges[c].weight).epsilon(1e-12));
+      REQUIRE(by_nodes[c].num_edges == by_edges[c].num_edges);
+    }
   }
 }
 

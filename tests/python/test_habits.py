@@ -154,6 +154,8 @@ def test_reprs_tell_what_arrays_there_are_and_not_what_is_in_them() -> None:
         shown = repr(result)
         assert "\n" not in shown
         assert len(shown) < 500
+    small = rotavg.compare(np.eye(3)[None].repeat(3, axis=0), np.eye(3)[None].repeat(3, axis=0))
+    assert "nodes=[0, 1, 2]" in repr(small)
 
 
 def test_completion_shows_public_names_only() -> None:

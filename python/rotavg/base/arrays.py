@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -15,33 +15,37 @@ Array = TypeVar("Array", bound="NDArray[Any]")
 
 
 def _brief(value: Any) -> str:
-    """An array, or a tuple of more than numbers, by what it is; else its repr."""
+    """An array, or a tuple of more than a few numbers, by what it is; else its repr."""
     few = 4
-    if isinstance(value, np.ndarray) and value.size > few:
+    if isinstance(value, np.ndarray):
         kind = "str" if value.dtype.kind == "U" else value.dtype
-        return f"<{kind} {value.shape}>"
+        return f"<{kind} {value.shape}>" if value.size > few else repr(value.tolist())
     if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, tuple) and value and not isinstance(value[0], (int, float, str)):
-        return f"<{len(value)} {type(value[0]).__name__}>"
+        return f"{value:.9g}"
+    if isinstance(value, tuple):
+        plain = len(value) <= few and all(isinstance(v, (int, float, str, tuple)) for v in value)
+        if value and not plain:
+            return f"<{len(value)} {type(value[0]).__name__}>"
+        return f"({', '.join(map(_brief, value))}{',' * (len(value) == 1)})"
     return repr(value)
 
 
-def _brief_repr(self: Any) -> str:
-    shown = [f"{f.name}={_brief(getattr(self, f.name))}" for f in fields(self) if f.repr]
-    return f"{type(self).__name__}({', '.join(shown)})"
-
-
 class ReadOnly:
-    """A dataclass with read-only arrays, which stay so when it is unpickled or copied deeply.
+    """What has read-only arrays, which stay so when it is unpickled or copied deeply.
 
-    Its repr tells what arrays there are, and not what is in them.
+    The repr of a dataclass tells what arrays there are, and not what is in them.
     """
+
+    def __repr__(self) -> str:
+        if not is_dataclass(self):
+            return object.__repr__(self)
+        shown = [f"{f.name}={_brief(getattr(self, f.name))}" for f in fields(self) if f.repr]
+        return f"{type(self).__name__}({', '.join(shown)})"
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        if cls.__repr__ in (object.__repr__, _brief_repr):
-            cls.__repr__ = _brief_repr  # type: ignore[method-assign]  # before dataclass makes one
+        if cls.__repr__ is ReadOnly.__repr__:  # dataclass() keeps one that is a class's own
+            cls.__repr__ = ReadOnly.__repr__  # type: ignore[method-assign]
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for value in state.values():

@@ -40,17 +40,28 @@ class Network:
         return len(self.parts)
 
     def each(
-        self, function: Callable[..., Any], *states: Sequence[Any], **common: Any
+        self,
+        function: Callable[..., Any],
+        *states: Sequence[Any],
+        priority: int = 0,
+        **common: Any,
     ) -> list[Any]:
         """Futures of function(part, state of the part, …) of every part."""
         return [
-            self.at(p, function, part, *(state[p] for state in states), **common)
+            self.at(p, function, part, *(state[p] for state in states), priority=priority, **common)
             for p, part in enumerate(self.parts)
         ]
 
-    def at(self, part: int, function: Callable[..., Any], *arguments: Any, **common: Any) -> Any:
-        """A future of function(arguments, …), called where the part is."""
-        return self.places.submit(part, function, *arguments, **common)
+    def at(
+        self,
+        part: int,
+        function: Callable[..., Any],
+        *arguments: Any,
+        priority: int = 0,
+        **common: Any,
+    ) -> Any:
+        """A future of function(arguments, …), called where the part is; the highest come first."""
+        return self.places.submit(part, function, *arguments, priority=priority, **common)
 
     def with_neighbours(
         self,
@@ -79,7 +90,8 @@ class Network:
     def forget_edges(self) -> None:
         """Keep of the parts only who they are and whom they tell what.
 
-        The edges of a part are gone as soon as the tasks are done that were asked for before.
+        The edges of a part are gone as soon as the tasks are done that were asked for before: these
+        come first, and not after all that waits for other parts.
         """
         self.parts = self.each(without_edges, priority=1)
 

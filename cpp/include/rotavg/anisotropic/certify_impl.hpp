@@ -37,7 +37,6 @@ namespace detail {
 /// What the gap of every component is held against; the weight of an edge is its scalar one.
 inline std::vector<Measure> measure_components(const AnisotropicResiduals& residuals,
                                                const Components& components) {
-  constexpr double most = 1000.0;  // times the lightest, as without covariances
   std::vector<Measure> measures(components.nodes.size());
   std::vector<double> lightest(measures.size(), std::numeric_limits<double>::infinity());
   const auto& edges = residuals.graph().scalar().edges();
@@ -50,7 +49,7 @@ inline std::vector<Measure> measure_components(const AnisotropicResiduals& resid
   }
   for (const Edge& e : edges) {
     const Index c = components.label[e.i];
-    measures[c].weight += std::min(e.weight, most * lightest[c]);
+    measures[c].weight += std::min(e.weight, most_of_lightest * lightest[c]);
   }
   for (Measure& measure : measures) {
     const double summing = unit_roundoff * measure.num_edges * measure.objective;

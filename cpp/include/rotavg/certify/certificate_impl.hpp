@@ -30,22 +30,36 @@ namespace rotavg {
 
 namespace detail {
 
-/// No edge counts for more than so many times the lightest (Measure::weight).
-constexpr double most_of_lightest = 1000.0;
+/// Adds to objectives what rounding can have taken away.
+/// @param additions that every sum of costs took
+inline void add_rounding(double additions, Measure& measure) {
+  const double summing = unit_roundoff * additions * measure.objective;
+  measure.objective += objective_rounding(measure.total_weight, measure.objective) + summing;
+}
 
 /// Where every edge counts for what it weighs: from the sums at the nodes, without a further pass.
 inline std::vector<Measure> measure_by_nodes(const NodeSums& sums, const Components& components) {
   std::vector<Measure> measures(components.nodes.size());
   for (std::size_t c = 0; c < measures.size(); ++c) {
     Measure& measure = measures[c];
+    double most_ends = 0.0;
     for (const Index i : components.nodes[c]) {
+      const double ends = sums.graph().row(i).size();
+      most_ends = std::max(most_ends, ends);
       measure.total_weight += 0.5 * sums.graph().degree(i);
-      measure.num_edges += 0.5 * static_cast<double>(sums.graph().row(i).size());
+      measure.num_edges += 0.5 * ends;
       measure.objective += 0.5 * sums.cost(i);
     }
     measure.weight = measure.total_weight;
+    constexpr double more = 20.0;  // parts of the edges (sums_at_nodes), squares of a vector
+    add_rounding(most_ends + static_cast<double>(components.nodes[c].size()) + more, measure);
   }
   return measures;
+}
+
+/// Whether there may be an edge that does not count for all that it weighs.
+inline bool is_uneven(const MeasurementGraph& graph) {
+  return graph.max_weight() > most_of_lightest * graph.min_weight();
 }
 
 /// Edge by edge. Of the edges of gravity only what is left at the best heading is counted.
@@ -86,6 +100,12 @@ inline std::vector<Measure> measure_by_edges(const ResidualQuaternions& residual
   for (const auto& part : of_part) {
     for (std::size_t c = 0; c < size; ++c) measures[c] += part[c];
   }
+  for (Measure& measure : measures) {
+    add_rounding(measure.num_edges, measure);
+    measure.weight = measure.total_weight;
+  }
+  if (!is_uneven(graph)) return measures;
+  for (Measure& measure : measures) measure.weight = 0.0;
   for (Index k = 0; k < m; ++k) {
     const Index c = components.label[graph.quaternion_edges()[k].i];
     const double most = most_of_lightest * measures[c].lightest;
@@ -96,18 +116,8 @@ inline std::vector<Measure> measure_by_edges(const ResidualQuaternions& residual
 
 inline std::vector<Measure> measure_components(const NodeSums& sums, const Components& components,
                                                const GravityPairs& gravity) {
-  const MeasurementGraph& graph = sums.graph();
-  const bool by_nodes =
-      gravity.first.empty() && graph.max_weight() <= most_of_lightest * graph.min_weight();
-  std::vector<Measure> measures = by_nodes
-                                      ? measure_by_nodes(sums, components)
-                                      : measure_by_edges(sums.residuals(), components, gravity);
-  for (Measure& measure : measures) {
-    // Of summing, in parts of the edges or of the nodes.
-    const double summing = unit_roundoff * (2.0 * measure.num_edges + 32.0) * measure.objective;
-    measure.objective += objective_rounding(measure.total_weight, measure.objective) + summing;
-  }
-  return measures;
+  if (gravity.first.empty() && !is_uneven(sums.graph())) return measure_by_nodes(sums, components);
+  return measure_by_edges(sums.residuals(), components, gravity);
 }
 
 }  // namespace detail

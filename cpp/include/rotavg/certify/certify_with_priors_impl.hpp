@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <vector>
 
@@ -73,6 +74,9 @@ ROTAVG_INLINE Certificate certify(const GroundedGraph& problem, const Rotations&
                                     {}, problem.gravity());
   // That is of Q; f(R) - f* = f(Q) - f* + the excess of R.
   const std::vector<double> excess = detail::excess_of(problem, R, held);
+  if (std::count(excess.begin(), excess.end(), 0.0) == static_cast<std::ptrdiff_t>(excess.size())) {
+    return certificate;
+  }
   const int num_threads = resolve_num_threads(options.num_threads, problem.graph().num_edges());
   const ResidualQuaternions residuals(problem.graph(), to_quaternions(Q), num_threads);
   const auto measures =

@@ -58,15 +58,18 @@ namespace detail {
 /// to the rounding of measurements and rotations.
 constexpr double objective_floor = 1e-20;
 
+/// No edge counts for more than so many times the lightest (Measure::weight).
+constexpr double most_of_lightest = 1000.0;
+
 /// What the gap of one component is held against.
 struct Measure {
   double objective = 0.0;  ///< its part of f(R), plus what rounding can have taken away
   double constant = 0.0;   ///< what gravity's edges cost at any R, and is not in the objective
-  /// Sum of w, where no edge counts for more than 1000 times the lightest: or a few heavy edges
-  /// would hide all that the others say.
+  /// Sum of w, where no edge counts for more than most_of_lightest: or a few heavy edges would hide
+  /// all that the others say.
   double weight = 0.0;
   double total_weight = 0.0, num_edges = 0.0;
-  double lightest = std::numeric_limits<double>::infinity();
+  double lightest = std::numeric_limits<double>::infinity();  ///< if it was looked for
 
   Measure& operator+=(const Measure& other) {
     objective += other.objective;

@@ -56,7 +56,9 @@ class Connectivity {
       Matrix3 N = S.diagonal(a);
       add_to_diagonal(N, -degree);
       const double d = -small_eigen(N).values(0);
-      left_[a] = degree - margin * (d + S.reach(a)) - (margin - 1.0) * degree;
+      // Of many edges, parallel ones among them, d, the reach and the entries of L are long sums.
+      const double summing = 2.0 * S.block_rounding(a);
+      left_[a] = degree - margin * (d + S.reach(a)) - (margin - 1.0) * degree - summing;
     });
     double min_degree = std::numeric_limits<double>::infinity();
     for (const Index i : S.nodes()) {
