@@ -31,6 +31,31 @@ def graph_file(tmp_path: Path) -> Path:
     return path
 
 
+def test_convert_does_not_replace_what_it_reads(graph_file: Path) -> None:
+    before = graph_file.read_bytes()
+    nodes = graph_file.parent / "nodes.txt"
+    nodes.write_text("0\n1\n2\n")
+    for output in (graph_file, nodes):
+        result = run("convert", graph_file, output, "--nodes", nodes, "--output-format", "g2o")
+        assert result.returncode == 2
+        assert "it would replace another file of this run" in result.stderr
+    assert graph_file.read_bytes() == before
+
+
+@pytest.mark.skipif(not Path("/dev/stdin").exists(), reason="there is no /dev/stdin")
+def test_noisy_edges_come_through_a_pipe(tmp_path: Path) -> None:
+    path = tmp_path / "noisy.txt"  # so noisy that another convention is looked for
+    rotavg.write(path, rotavg.simulate("complete", 8, noise=0.5, seed=1).graph)
+    for command in ("info", "solve"):
+        result = subprocess.run(
+            [sys.executable, "-m", "rotavg", command, "/dev/stdin"],
+            input=path.read_text(), capture_output=True, text=True,
+            check=False,
+        )  # fmt: skip
+        assert result.returncode == 0, result.stderr
+        assert "28" in result.stdout  # edges
+
+
 def test_simulate_writes_what_is_true(tmp_path: Path) -> None:
     arguments = ["simulate", "sphere", "-n", "60", "--noise", "0.05", "--outliers", "0.1"]
     files = ["-o", "g.g2o", "--truth", "truth.csv", "--outlier-edges", "wrong.csv"]

@@ -212,6 +212,21 @@ def test_scipy_rotations_are_understood_where_matrices_are() -> None:
     assert rotavg.compare(truth, TRUTH).mean < 1e-7
 
 
+def test_masked_numbers_are_refused_and_lists_of_scipy_rotations_understood() -> None:
+    transform = pytest.importorskip("scipy.spatial.transform", reason="SciPy is not installed")
+    turns = [transform.Rotation.from_rotvec([0.1 * k, 0.0, 0.2]) for k in range(3)]
+    edges, matrices = [(0, 1), (1, 2), (2, 0)], np.array([turn.as_matrix() for turn in turns])
+    graph = rotavg.MeasurementGraph(edges, turns)
+    np.testing.assert_allclose(graph.rotations, matrices, atol=1e-15)
+    mask = np.zeros(matrices.shape, np.bool_)
+    rotavg.MeasurementGraph(edges, np.ma.masked_array(matrices, mask=mask))  # nothing is masked
+    mask[1] = True
+    with pytest.raises(rotavg.GraphError, match="rotations are masked in part"):
+        rotavg.MeasurementGraph(edges, np.ma.masked_array(matrices, mask=mask))
+    with pytest.raises(rotavg.GraphError, match="weights are masked in part"):
+        rotavg.MeasurementGraph(edges, matrices, np.ma.masked_array(np.ones(3), mask=[0, 1, 0]))
+
+
 def test_frames_go_out_and_come_back() -> None:
     pandas = pytest.importorskip("pandas")
     frame = GRAPH.with_weights(np.arange(1.0, GRAPH.num_edges + 1)).to_dataframe()

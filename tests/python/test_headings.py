@@ -84,6 +84,13 @@ def test_frames_of_calibrated_rigs_and_components() -> None:
     solution = rotavg.solve_headings(graph, rotavg.Priors(gravity=gravity, rigs=rigs))
     assert solution.num_components == 2
     assert rotavg.compare(solution, dict(enumerate(X))).rms < 1e-7
+    images = {k: (k // 2, k % 2) for k in range(24)}
+    known = rotavg.Rigs(images, {0: C[0], 1: C[1]})
+    same = rotavg.solve_headings(graph, rotavg.Priors(gravity=gravity, rigs=known))
+    np.testing.assert_array_equal(same.rotations, solution.rotations)
+    half = rotavg.Rigs(images, {0: C[0]})
+    with pytest.raises(rotavg.GraphError, match="the rotation of sensor 1 is not known"):
+        rotavg.solve_headings(graph, rotavg.Priors(gravity=gravity, rigs=half))
     alone = rotavg.Priors(gravity=gravity)
     with pytest.raises(rotavg.GraphError, match="gravity of 12 of 24 nodes is not known"):
         rotavg.solve_headings(graph, alone)
@@ -105,6 +112,9 @@ def test_what_has_no_meaning_is_refused() -> None:
     ):
         with pytest.raises(rotavg.GraphError):
             rotavg.solve_headings(graph, wrong)
+    for down in ([0, 0, 0], [0, np.nan, 1]):
+        with pytest.raises(rotavg.GraphError, match=r"down is .*expected a finite direction"):
+            rotavg.solve_headings(graph, rotavg.Priors(gravity=gravity, down=down))
 
 
 def test_the_command(tmp_path: Path) -> None:

@@ -293,6 +293,45 @@ def test_prior_factors_give_the_world() -> None:
     assert (np.arctan2(turn[1, 0], turn[0, 0]), weight) == pytest.approx((0.5, 2.0))
 
 
+@pytest.mark.parametrize("sigmas", [[0.0] * 6, [0.5] * 3 + [0.0] * 3, [0.0] * 3 + [0.5] * 3])
+def test_constrained_priors_hold_what_they_constrain(sigmas: list[float]) -> None:
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    models, factors = gtsam.noiseModel, gtsam.NonlinearFactorGraph()
+    for node, turn, x in ((0, 0.0, 0.0), (1, 1.1, 2.0)):
+        noise = models.Isotropic.Sigma(6, 0.1)
+        if node == 1:
+            noise = models.Constrained.MixedSigmas(np.full(6, 1e3), np.array(sigmas))
+        pose = gtsam.Pose3(gtsam.Rot3.Rz(turn), np.array([x, 0.0, 0.0]))
+        factors.add(gtsam.PriorFactorPose3(node, pose, noise))
+    step = gtsam.Pose3(gtsam.Rot3.Rz(0.5), np.array([1.0, 0.0, 0.0]))
+    factors.add(gtsam.BetweenFactorPose3(0, 1, step, models.Isotropic.Sigma(6, 0.1)))
+    solution = rotavg.solve(from_gtsam(factors), priors=priors_from_gtsam(factors))
+    ours = to_gtsam(rotavg.refine_poses(solution))
+    optimum = gtsam.LevenbergMarquardtOptimizer(factors, ours).optimize()
+    assert factors.error(ours) == pytest.approx(factors.error(optimum), rel=1e-4)
+
+
+def test_priors_that_hold_some_directions_alone_are_refused() -> None:
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    noise = gtsam.noiseModel.Constrained.MixedSigmas(np.full(3, 1e3), np.array([0.0, 0.5, 0.5]))
+    factor = gtsam.PriorFactorRot3(4, gtsam.Rot3(), noise)
+    with pytest.raises(GraphError, match="prior factor 0 holds some directions alone"):
+        priors_from_gtsam([factor])
+
+
+def test_self_edges_are_skipped_on_request() -> None:
+    gtsam = pytest.importorskip("gtsam", reason=WITHOUT)
+    noise = gtsam.noiseModel.Isotropic.Sigma(3, 0.1)
+    factors = [gtsam.BetweenFactorRot3(*pair, gtsam.Rot3(), noise) for pair in ((0, 1), (1, 1))]
+    with pytest.raises(GraphError, match="joins a node to itself"):
+        from_gtsam(factors)
+    graph = from_gtsam(factors, skip_self_edges=True)
+    assert graph.edges.tolist() == [[0, 1]]
+    assert any("1" in note for note in graph.notes)
+    with pytest.raises(GraphError, match="found a int, expected a graph or a solution"):
+        to_gtsam(3)
+
+
 def test_the_table_of_pose_graphs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 import rotavg
 from rotavg.cli.main import commands
+from rotavg.io.edges import read_edge_list
 from rotavg.solving.uncertainty import estimated_noise_variance
 from shared_data import shared_data
 
@@ -159,6 +160,24 @@ def test_what_is_known_of_edges_must_fit_the_graph() -> None:
         rotavg.solve(graph, loss="auto", initial_weights=np.full(11, 2.0))
     with pytest.raises(rotavg.OptionError, match="unknown weight_kind 'heavy'"):
         rotavg.solve(graph, loss="auto", weight_kind="heavy")  # type: ignore[arg-type]
+
+
+def test_names_in_lists_of_edges_are_those_of_graphs(tmp_path: Path) -> None:
+    names = ["a", "b#1", '#0, "x"', "c"]
+    graph = rotavg.MeasurementGraph(
+        [(names[i], names[j]) for i, j in ((0, 1), (1, 2), (2, 3), (3, 0), (0, 2))], [np.eye(3)] * 5
+    )
+    rotavg.write(tmp_path / "g.csv", graph)
+    (tmp_path / "out.csv").write_text('I;J\na;"b#1"\n', encoding="utf-8")
+    first = ["solve", str(tmp_path / "g.csv"), "--edges", str(tmp_path / "edges.csv")]
+    run = CliRunner().invoke(commands, [*first, "--excluded", str(tmp_path / "out.csv")])
+    assert run.exit_code == 0, run.output
+    verdicts = {}
+    for i, j in read_edge_list(tmp_path / "edges.csv", "none"):
+        verdicts[i, j] = (i, j) in read_edge_list(tmp_path / "edges.csv", "is_outlier")
+    assert list(verdicts) == list(map(tuple, graph.edges.tolist()))
+    assert [pair for pair, wrong in verdicts.items() if wrong] == [("a", "b#1")]
+    assert len(verdicts) == 5
 
 
 def test_known_edges_on_the_command_line(tmp_path: Path) -> None:

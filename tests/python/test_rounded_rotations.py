@@ -133,6 +133,7 @@ def test_nearest_rotation() -> None:
     for bad, message in (
         (np.full((3, 3), np.nan), "matrix 0 holds a NaN"),
         (-I3, "matrix 0 is not a rotation: its determinant is -1"),
+        (1e300 * I3, "matrix 0 is not a rotation: .* by inf; expected at most 0.1"),
         (np.stack([I3, 2 * I3]), "matrix 1 is not a rotation: .* by 3; expected at most 0.1"),
         (np.eye(4), r"shape \(4, 4\)"),
     ):

@@ -59,12 +59,16 @@ def as_floats(
 ) -> NDArray[np.float64]:
     """Copy of `values` as C-order float64 of exactly this shape; GraphError says what is wrong.
 
-    Where matrices (..., 3, 3) are expected, SciPy's `Rotation` is understood. Without `copy`, an
-    array that is in order is handed on as it is.
+    Where matrices (..., 3, 3) are expected, SciPy's `Rotation` is understood, and a list of these.
+    Without `copy`, an array that is in order is handed on as it is.
     """
     try:
+        if np.ma.is_masked(values):
+            raise GraphError(f"{what} are masked in part, expected numbers everywhere")
         if shape[-2:] == (3, 3) and hasattr(values, "as_matrix"):
             values = values.as_matrix()
+        elif shape[-2:] == (3, 3) and isinstance(values, (list, tuple)):
+            values = [v.as_matrix() if hasattr(v, "as_matrix") else v for v in values]
         array = np.array(values, order="C") if copy else np.asarray(values, order="C")
         if array.dtype.kind == "c":
             raise GraphError(f"{what} are complex, expected real numbers")

@@ -13,7 +13,7 @@ from rotavg.cli.command import Command
 from rotavg.cli.output import print_json, print_losses, print_notes
 from rotavg.cli.progress import working
 from rotavg.cli.reading import read_graph, reading_options
-from rotavg.io import check_writable, losses
+from rotavg.io import atomic, check_writable, losses
 from rotavg.io.formats import num_nodes_written, warned_losses
 from rotavg.io.g2o_write import with_weights_to_write
 
@@ -43,6 +43,7 @@ def convert(
       rotavg convert database.db relpose.txt
       rotavg convert pairs.txt graph.g2o --convention vision
     """
+    atomic.check_distinct([output_path], [input_path, reading["nodes_path"]])
     check_writable(output_path, output_format)
     with working(f"reading {input_path}"):
         graph = read_graph(input_path, **reading)

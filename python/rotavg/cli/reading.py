@@ -111,6 +111,8 @@ def _of_nodes(graph: rotavg.MeasurementGraph, path: Path) -> rotavg.MeasurementG
 
 def _hint(path: Path, graph: rotavg.MeasurementGraph, reading: dict[str, Any]) -> tuple[str, ...]:
     """In what other way the file should be read, where its cycles say so and the format is open."""
+    if not (path.is_file() or path.is_dir()):  # a pipe can be read but once
+        return ()
     told = {name: reading[name] for name in ("format", "convention", "columns")}
     found = rotavg.suggest_reading(path, graph=graph, **told)
     if found is None:

@@ -15,6 +15,7 @@ from rotavg.base.arrays import as_floats
 from rotavg.base.errors import GraphError, IncompleteWarning
 from rotavg.graph.conventions import first_no_rotation
 from rotavg.graph.ids import IdArray, as_nodes
+from rotavg.graph.nearest import why_row_is_no_rotation
 from rotavg.graph.node_mapping import NodeMapping
 from rotavg.io.absolute import AbsoluteRotations
 from rotavg.io.rotations import read_absolute
@@ -84,7 +85,9 @@ def known(value: Rotations, what: str) -> Known:
     bad = first_no_rotation(found.rotations)
     if bad is not None:
         where = f"in row {bad}" if found.nodes is None else f"of node {found.nodes[bad].item()!r}"
-        raise GraphError(f"{what}: the matrix {where} is not a rotation")
+        raise GraphError(
+            f"{what}: the matrix {where} {why_row_is_no_rotation(found.rotations, bad)}"
+        )
     return found
 
 

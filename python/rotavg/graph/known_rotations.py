@@ -11,6 +11,7 @@ from rotavg.base.arrays import as_floats, read_only
 from rotavg.base.errors import GraphError
 from rotavg.graph.conventions import first_no_rotation, quaternions_from_matrices
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.nearest import why_row_is_no_rotation
 from rotavg.graph.node_mapping import NodeMapping
 
 
@@ -34,7 +35,9 @@ class KnownRotations(NodeMapping):
         bad = first_no_rotation(rotations)
         if bad is not None:
             node = self.graph.nodes[bad].item()
-            raise GraphError(f"the matrix of node {node!r} is not a rotation")
+            raise GraphError(
+                f"the matrix of node {node!r} {why_row_is_no_rotation(rotations, bad)}"
+            )
         object.__setattr__(self, "rotations", read_only(rotations))
 
     @property

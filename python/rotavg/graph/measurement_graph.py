@@ -250,6 +250,7 @@ class MeasurementGraph:
         weight: str = "weight",
         *,
         convention: Convention = "pose",
+        skip_self_edges: bool = False,
     ) -> MeasurementGraph:
         """Graph from a `networkx.DiGraph` or `MultiDiGraph`; rows follow its order of nodes.
 
@@ -259,7 +260,7 @@ class MeasurementGraph:
         from rotavg.graph.networkx import arrays_from_networkx
 
         arrays = arrays_from_networkx(graph, rotation, weight)
-        return cls(*arrays, convention=convention)
+        return cls(*arrays, convention=convention, skip_self_edges=skip_self_edges)
 
     @classmethod
     def from_dataframe(

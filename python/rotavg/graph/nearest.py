@@ -55,13 +55,20 @@ def why_no_rotation(matrix: NDArray[np.float64], error: float, tolerance: float)
     """What is wrong with a matrix (3, 3) of this orthogonality error, after "the matrix"."""
     if not np.isfinite(matrix).all():
         return "holds a NaN or an infinity"
-    if np.isinf(error):
+    with np.errstate(over="ignore"):
         found = float(np.linalg.det(matrix))
+    if np.isinf(error) and found < 0:
         return f"is not a rotation: its determinant is {found:.6g} (a reflection); expected +1"
     return (
         f"is not a rotation: R^T R differs from the identity by {error:.6g}; "
         f"expected at most {tolerance:g}"
     )
+
+
+def why_row_is_no_rotation(matrices: NDArray[np.float64], row: int) -> str:
+    """The same of one of several matrices (n, 3, 3) that are to be rotations as they are."""
+    error = orthogonality_errors(matrices[row : row + 1])
+    return why_no_rotation(matrices[row], float(error[0]), TOLERANCE)
 
 
 def projected(

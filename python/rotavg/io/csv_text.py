@@ -35,7 +35,7 @@ def read_csv(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     """Read edges from a CSV file."""
     if b'"' not in data:
         return read_text(path, data, options)
-    return read_edges(path, data, _rows(path, data), options)
+    return read_edges(path, data, csv_rows(path, data), options)
 
 
 def read_csv_rotations(
@@ -44,16 +44,16 @@ def read_csv_rotations(
     """Read a solution."""
     if b'"' not in data:
         return read_text_rotations(path, data, columns)
-    return read_nodes(path, data, _rows(path, data), columns)
+    return read_nodes(path, data, csv_rows(path, data), columns)
 
 
 def write_csv(path: Path, item: Writable) -> bytes:
     """The content of a CSV file of a graph or a solution."""
-    _, header, rows = write_rows(path, item, ",", lambda name: _quoted(path, name))
+    _, header, rows = write_rows(path, item, ",", lambda name: _one_line(path, name))
     return f"{header}\n".encode() + rows
 
 
-def _rows(path: Path, data: bytes) -> Iterator[tuple[int, list[bytes]]]:
+def csv_rows(path: Path, data: bytes) -> Iterator[tuple[int, list[bytes]]]:
     """(line number, fields) of every line that is neither blank nor a comment."""
     next(content_lines(path, data), None)  # refuses what is binary
     try:
@@ -75,17 +75,22 @@ def _rows(path: Path, data: bytes) -> Iterator[tuple[int, list[bytes]]]:
         raise FormatError(found, path=path, line=max(1, reader.line_num)) from None
 
 
-def _quoted(path: Path, name: str) -> str:
+def quoted(name: str) -> str:
+    """A name as it stands in a file, with quotes if it needs them."""
+    return '"' + name.replace('"', '""') + '"' if _NEEDS_QUOTES.search(name) else name
+
+
+def _one_line(path: Path, name: str) -> str:
     if not name or len(name.splitlines()) > 1 or name.strip("\r\n") != name:
         found = f"found a node of the name {name!r}"
         raise FormatError(f"{found}, expected one line of text", path=path)
-    return '"' + name.replace('"', '""') + '"' if _NEEDS_QUOTES.search(name) else name
+    return quoted(name)
 
 
 def _first_row(head: bytes) -> list[bytes]:
     """Fields of the first row; none where this is no CSV."""
     try:
-        for _, fields in _rows(Path(), head[: head.rfind(b"\n") + 1] or head):
+        for _, fields in csv_rows(Path(), head[: head.rfind(b"\n") + 1] or head):
             return fields
     except FormatError:
         pass

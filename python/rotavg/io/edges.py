@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +12,8 @@ import numpy as np
 from rotavg.base.errors import FormatError
 from rotavg.graph.ids import IdArray
 from rotavg.io import atomic, registry
-from rotavg.io.lines import comma_fields, content_lines
+from rotavg.io.csv_text import csv_rows, quoted
+from rotavg.io.lines import content_lines
 
 if TYPE_CHECKING:
     from rotavg.solving.solution import Solution
@@ -50,7 +49,8 @@ def read_edge_list(path: str | os.PathLike[str], column: str) -> list[tuple[str,
     """Read the ids, as text, of the edges in a file: I J on every line, or a table of edges.
 
     A table is CSV whose header names the columns i and j, as `write_edges` makes it. If it has the
-    column `column`, those edges are taken which have 1, true or yes there.
+    column `column`, those edges are taken which have 1, true or yes there. Names and comments are
+    as in graphs of the format csv.
 
     Raises:
         FileAccessError: the file cannot be read.
@@ -59,17 +59,16 @@ def read_edge_list(path: str | os.PathLike[str], column: str) -> list[tuple[str,
     path = Path(path)
     edges: list[tuple[str, str]] = []
     header: list[str] | None = None
-    for line, text in content_lines(path, registry.read_bytes((), path)):
-        words = text.decode(errors="replace").strip()
-        fields = comma_fields(path, line, words) if "," in words else words.split()
-        if header is None and not edges and {"i", "j"} <= set(fields):
-            header = fields
+    for line, fields in _fields(path, registry.read_bytes((), path, "a list of edges")):
+        names = [field.lower() for field in fields]
+        if header is None and not edges and {"i", "j"} <= set(names):
+            header = names
             continue
         if header is not None and len(fields) != len(header):
             found = f"found {len(fields)} fields, expected {len(header)} as in the header"
             raise FormatError(found, path=path, line=line)
         if len(fields) < 2:
-            raise FormatError(f"found {words!r}, expected I J", path=path, line=line)
+            raise FormatError(f"found {fields[0]!r}, expected I J", path=path, line=line)
         row = dict(zip(header or ("i", "j"), fields))
         chosen = row.get(column, "1").lower()
         if chosen not in ("1", "0", "true", "false", "yes", "no"):
@@ -80,11 +79,22 @@ def read_edge_list(path: str | os.PathLike[str], column: str) -> list[tuple[str,
     return edges
 
 
+def _fields(path: Path, data: bytes) -> Iterator[tuple[int, list[str]]]:
+    """(line number, fields) of every line that is neither blank nor a comment."""
+    if b'"' in data:
+        for line, row in csv_rows(path, data):
+            yield line, [field.decode().strip() for field in row]
+        return
+    for line, text in content_lines(path, data):
+        words = text.decode(errors="replace").strip()
+        separator = next((c for c in ",;" if c in words), None)
+        yield line, [field.strip() for field in words.split(separator)]
+
+
 def _write(
     path: str | os.PathLike[str], header: tuple[str, ...], rows: Iterable[Iterable[object]]
 ) -> None:
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    atomic.write_files({Path(path): stream.getvalue().encode()})
+    lines = [",".join(header)]
+    for row in rows:
+        lines.append(",".join(quoted(v) if isinstance(v, str) else repr(v) for v in row))
+    atomic.write_files({Path(path): "\n".join([*lines, ""]).encode()})

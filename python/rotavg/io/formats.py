@@ -122,8 +122,8 @@ def write(
 
     Warns:
         IncompleteWarning: SciPy is missing, so that the translations in a pose graph's file stay
-            as they were; or the format has no place for weights that are not all equal, or for
-            nodes without an edge.
+            as they were; or the format has no place for the ids, for weights that are not all
+            equal, or for nodes without an edge.
 
     Raises:
         FileAccessError: the file cannot be written; what was there before is untouched.
@@ -142,8 +142,11 @@ def write(
     content = chosen.write(path, graph_or_solution)
     atomic.write_files({path: content} if isinstance(content, bytes) else content)
     if isinstance(graph_or_solution, MeasurementGraph):
-        for loss in _lost(chosen, graph_or_solution):
-            warnings.warn(f"{path}: {loss}", IncompleteWarning, stacklevel=2)
+        lost = _lost(chosen, graph_or_solution)
+    else:
+        lost = _lost_ids(chosen, graph_or_solution.graph)
+    for loss in lost:
+        warnings.warn(f"{path}: {loss}", IncompleteWarning, stacklevel=2)
 
 
 def check_writable(
@@ -177,8 +180,6 @@ def losses(
     told = []
     if graph.translations is not None and not chosen.has_translations:
         told.append(f"the translations are not in it, {chosen.name} has no place for them")
-    if not chosen.has_ids(graph):
-        told.append(f"the ids are not in it: {chosen.name} counts the nodes, from 0")
     if graph.translations is None and chosen.puts_back:
         told.append("the graph has no translations: those in it are zero and mean nothing")
     source = graph.source
@@ -262,8 +263,14 @@ def warned_losses(
     return _lost(_output(path, format)[1], graph)
 
 
+def _lost_ids(form: Format, graph: MeasurementGraph) -> tuple[str, ...]:
+    if form.has_ids(graph):
+        return ()
+    return (f"the ids are not in it: {form.name} counts the nodes, from 0",)
+
+
 def _lost(form: Format, graph: MeasurementGraph) -> tuple[str, ...]:
-    told = []
+    told = [*_lost_ids(form, graph)]
     if not form.has_weights and np.ptp(graph.weights) > 0:
         told.append(f"the weights are not in it, {form.name} has no place for them")
     alone = () if form.has_isolated else _isolated(graph)

@@ -42,12 +42,14 @@ def to_gtsam(item: MeasurementGraph | Solution | PoseSolution) -> Any:
     positions are in their world. Keys are the node ids.
 
     Raises:
-        GraphError: ids that are no keys (names, negative numbers).
+        GraphError: ids that are no keys (names, negative numbers), or neither of these.
         MissingExtraError: gtsam is not installed.
     """
     gtsam = require("gtsam", "gtsam")
     if isinstance(item, MeasurementGraph):
         return _factors(gtsam, item)
+    if not isinstance(item, (Solution, PoseSolution)):
+        raise GraphError(f"found a {type(item).__name__}, expected a graph or a solution")
     values = gtsam.Values()
     keys = _keys(item.graph)
     rotations, where = np.asarray(item.rotations), None
@@ -62,7 +64,7 @@ def to_gtsam(item: MeasurementGraph | Solution | PoseSolution) -> Any:
     return values
 
 
-def from_gtsam(factors: Any) -> MeasurementGraph:
+def from_gtsam(factors: Any, *, skip_self_edges: bool = False) -> MeasurementGraph:
     """The graph of the measurements in a `gtsam.NonlinearFactorGraph`, or in a list.
 
     These are the between factors on Rot3, Pose3, Rot2 or Pose2, of one of these kinds. A list may
@@ -70,6 +72,11 @@ def from_gtsam(factors: Any) -> MeasurementGraph:
     `rotavg.Priors` by `priors_from_gtsam`; what other factors there are is told in the graph's
     notes. Of a robust noise model the Gaussian inside it counts. A measurement without any
     information about the rotation is no edge, and told.
+
+    Args:
+        factors: a graph or a list.
+        skip_self_edges: whether to leave out factors between a key and itself, instead of refusing
+            them; the notes tell how many.
 
     Raises:
         GraphError: there are no measurements, or of several kinds, or one whose noise model has no
@@ -99,16 +106,16 @@ def from_gtsam(factors: Any) -> MeasurementGraph:
         notes += (f"{priors} prior factor{'s' * (priors > 1)} not in it: see priors_from_gtsam",)
     if others:
         notes += (f"{others} factor{'s' * (others > 1)} of other kinds skipped",)
-    return _graph(used[0], found[used[0]], notes)
+    return _graph(used[0], found[used[0]], notes, skip_self_edges)
 
 
 def priors_from_gtsam(factors: Any) -> Priors:
     """What the prior factors on Rot3, Pose3, Rot2 and Pose2 say, for `rotavg.solve`.
 
-    A rotation becomes an absolute prior of the weight that its information has, or with a
-    constrained noise model a fixed rotation; the position of a pose one of `Priors.positions`, for
-    `rotavg.refine_poses`, of the information 1e9 I if it is constrained. What the information about
-    rotation and position shares is left out.
+    A rotation becomes an absolute prior of the weight that its information has (one number: the
+    inverse of its mean variance), or where it is constrained a fixed rotation; the position of a
+    pose one of `Priors.positions`, for `rotavg.refine_poses`, of the information 1e9 I if it is
+    constrained. What the information about rotation and position shares is left out.
 
     Raises:
         GraphError: two priors of one node, or information about some directions alone.
@@ -125,17 +132,17 @@ def priors_from_gtsam(factors: Any) -> Priors:
         (node,) = factor.keys()
         if node in fixed or node in absolute or node in places:
             raise GraphError(f"factor {k} is a second prior of node {node}, expected one at most")
-        noise = factor.noiseModel()
-        held = noise is not None and noise.isConstrained()
-        told = _measured(kind, [node, node], factor, f"prior factor {k}", held)
+        told = _measured(kind, [node, node], factor, f"prior factor {k}", is_prior=True)
         weight = _weight(told)
-        if held:
+        if np.isinf(weight):
             fixed[node] = told.rotation
         elif weight > 0:
             absolute[node] = told.rotation, weight
         if kind in _TRANSLATION:
             block = _TRANSLATION[kind]
-            omega = _HELD * np.eye(3) if held else _in_space(told.omega[block, block])
+            omega = _in_space(told.omega[block, block])
+            if np.isinf(omega).any():
+                omega = _HELD * np.eye(3)
             if omega.any():
                 places[node] = told.vector, told.rotation @ omega @ told.rotation.T
     return Priors(fixed=fixed, absolute=absolute, positions=places)
@@ -167,8 +174,12 @@ def _kind(gtsam: Any, name: str, factor: Any) -> str | None:
     return next((k for k in _KINDS if type(factor) is getattr(gtsam, f"{name}{k}")), None)
 
 
-def _measured(kind: str, keys: list[int], factor: Any, what: str, held: bool = False) -> _Measured:
-    """Raises GraphError for information that is not finite, unless it is `held`."""
+def _measured(
+    kind: str, keys: list[int], factor: Any, what: str, is_prior: bool = False
+) -> _Measured:
+    """Raises GraphError for information that is not finite; of a prior, rotation or position may be
+    held: then it is infinite on the diagonal.
+    """
     value = factor.prior() if hasattr(factor, "prior") else factor.measured()
     vector = np.zeros(3)
     if kind in _TRANSLATION:
@@ -180,11 +191,17 @@ def _measured(kind: str, keys: list[int], factor: Any, what: str, held: bool = F
     else:
         rotation = np.asarray(value.matrix())
     size = {"Rot3": 3, "Pose3": 6, "Rot2": 1, "Pose2": 3}[kind]
-    omega = np.zeros((size, size)) if held else _information(factor.noiseModel(), size, what)
+    noise = factor.noiseModel()
+    if is_prior and noise is not None and noise.isConstrained():
+        omega = _constrained(kind, np.asarray(noise.sigmas()), what)
+    else:
+        omega = _information(noise, size, what)
     return _Measured(kind, keys, rotation, vector, omega, what)
 
 
-def _graph(kind: str, measured: list[_Measured], notes: tuple[str, ...]) -> MeasurementGraph:
+def _graph(
+    kind: str, measured: list[_Measured], notes: tuple[str, ...], skip_self_edges: bool
+) -> MeasurementGraph:
     turn = _ROTATION[kind]
     omega = np.array([m.omega for m in measured])
     weights = np.array([_weight(m) for m in measured])
@@ -222,6 +239,7 @@ def _graph(kind: str, measured: list[_Measured], notes: tuple[str, ...]) -> Meas
         covariances=covariances,
         translations=translations,
         notes=notes,
+        skip_self_edges=skip_self_edges,
     )
 
 
@@ -231,10 +249,20 @@ def _weight(measured: _Measured) -> float:
     omega = measured.omega[turn, turn]
     if not omega.any():
         return 0.0
+    if np.isinf(omega).any():
+        return float(np.inf)
     if np.linalg.eigvalsh(omega)[0] <= 1e-13 * np.abs(omega).max():
         raise GraphError(f"{measured.what} has information about some rotations alone")
     inverse = np.linalg.inv(omega)
     return float(1.5 * len(omega) / 3 / np.trace(inverse))
+
+
+def _constrained(kind: str, sigmas: Floats, what: str) -> Floats:
+    """Information of which that about the rotation, or about the position, is infinite."""
+    for block in (_ROTATION[kind], _TRANSLATION.get(kind, slice(0))):
+        if len(set(sigmas[block] == 0)) > 1:
+            raise GraphError(f"{what} holds some directions alone, expected all of them or none")
+    return np.diag(np.where(sigmas == 0, np.inf, 1.0 / np.where(sigmas == 0, 1.0, sigmas) ** 2))
 
 
 def _in_space(omega: Floats) -> Floats:

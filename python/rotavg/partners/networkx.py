@@ -13,9 +13,13 @@ def from_networkx(
     rotation: str = "rotation",
     weight: str = "weight",
     convention: Convention = "pose",
+    *,
+    skip_self_edges: bool = False,
 ) -> MeasurementGraph:
     """See `MeasurementGraph.from_networkx`."""
-    return MeasurementGraph.from_networkx(graph, rotation, weight, convention=convention)
+    return MeasurementGraph.from_networkx(
+        graph, rotation, weight, convention=convention, skip_self_edges=skip_self_edges
+    )
 
 
 def to_networkx(graph: MeasurementGraph) -> Any:

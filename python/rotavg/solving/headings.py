@@ -85,7 +85,12 @@ def _problem(
     the weights w rho / 2. As its edges are rotations about one axis, so is its solution, and what
     is proved of it is proved of the headings.
     """
-    g = np.asarray(down, dtype=np.float64) / np.linalg.norm(down)
+    g = as_floats(down, (3,), "down")
+    if not (np.isfinite(g).all() and g.any()):
+        found = f"down is {g.tolist()}"
+        raise GraphError(f"{found}, expected a finite direction other than zero")
+    g = g / np.abs(g).max()
+    g = g / np.linalg.norm(g)
     to_y = upright(g, (0.0, 1.0, 0.0))  # headings are turns about y there
     frames = list(gravity)
     row = {frame: k for k, frame in enumerate(frames)}
@@ -164,7 +169,7 @@ def solve_headings(graph: MeasurementGraph, priors: Priors, **settings: Any) -> 
             raise OptionError(f"{name} is not possible where headings alone are free")
     if not isinstance(settings.get("init", "auto"), str):
         raise OptionError("init: rotations are no start where headings alone are free")
-    if priors.fixed or priors.absolute or isinstance(priors.rigs, Rigs):
+    if priors.fixed or priors.absolute:
         raise GraphError("headings alone: expected gravity, and perhaps calibrated rigs")
     rigs, gravity = _of_frames(graph, priors)
     headings = _problem(graph, rigs, gravity, priors.down)
@@ -200,8 +205,17 @@ def _of_frames(
 ) -> tuple[dict[Any, tuple[Any, NDArray[np.float64]]], dict[Any, NDArray[np.float64]]]:
     """Frame and rotation of every node, and down in every frame; those of no rig are their own."""
     own = {node: (("node", node), np.eye(3)) for node in graph.nodes.tolist()}
-    assert not isinstance(priors.rigs, Rigs)
-    for node, (frame, C) in priors.rigs.items():
+    rigs = priors.rigs
+    if isinstance(rigs, Rigs):
+        known = rigs.rotations
+        unknown = next((s for _, s in rigs.images.values() if s not in known), None)
+        if unknown is not None:
+            raise GraphError(
+                f"headings alone: the rotation of sensor {unknown!r} is not known, expected "
+                "calibrated rigs"
+            )
+        rigs = {node: (frame, known[sensor]) for node, (frame, sensor) in rigs.images.items()}
+    for node, (frame, C) in rigs.items():
         own[node] = ("frame", frame), as_floats(C, (3, 3), f"the rotation of node {node!r}")
     keys = [key.item() if isinstance(key, np.generic) else key for key in priors.gravity]
     if not keys:

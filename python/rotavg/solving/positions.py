@@ -11,6 +11,7 @@ from rotavg.base.arrays import as_floats
 from rotavg.base.errors import GraphError, SolverError, require
 from rotavg.graph.conventions import first_no_rotation
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.nearest import why_row_is_no_rotation
 
 
 def positions(
@@ -46,7 +47,8 @@ def positions(
     R = as_floats(rotations, (n, 3, 3), "rotations")
     bad = first_no_rotation(R)
     if bad is not None:
-        raise GraphError(f"the matrix of node {graph.nodes[bad].item()!r} is not a rotation")
+        node = graph.nodes[bad].item()
+        raise GraphError(f"the matrix of node {node!r} {why_row_is_no_rotation(R, bad)}")
     result, known = _known(graph, fixed or {})
     i, j = graph.indices.T
     steps = np.einsum("mab,mb->ma", R[i], measured.vectors)
