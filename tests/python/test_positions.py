@@ -123,7 +123,7 @@ def test_bad_input(monkeypatch: pytest.MonkeyPatch) -> None:
         rotavg.positions(graph, R[:4])
     for matrix in (5 * R[2], np.full((3, 3), np.nan), np.diag([1.0, 1, -1])):
         with pytest.raises(
-            GraphError, match="the matrix of node 2 (is not a rotation|holds a NaN)"
+            GraphError, match=r"the matrix of node 2 (is not a rotation|holds a NaN)"
         ):
             rotavg.positions(graph, [*R[:2], matrix, *R[3:]])
     for row in (5, -1, "a", 1.5):
