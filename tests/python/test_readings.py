@@ -140,6 +140,9 @@ def test_integers_in_a_list_of_nodes(tmp_path: Path) -> None:
     path.write_text("".join(f"{k} {k + 1} 0 0 0 1\n" for k in range(6)))
     part.write_text("\ufeff3\r\n4\r\n5\r\n")
     assert json.loads(run("info", path, "--nodes", part, "--json"))["nodes"] == 3
+    part.write_text("3\n# four\n5\n")
+    message = run("info", path, "--nodes", part, status=2)
+    assert "found the node '# four', but the nodes of the graph are numbers" in message
 
 
 def test_the_front_door_from_python(tmp_path: Path) -> None:

@@ -96,6 +96,10 @@ def _of_nodes(graph: rotavg.MeasurementGraph, path: Path) -> rotavg.MeasurementG
     ids = read_node_list(path)
     if graph.nodes.dtype.kind == "U":
         ids = ids.astype(np.str_)
+    elif ids.dtype.kind == "U":
+        found = next((n for n in ids.tolist() if not n.lstrip("-").isdecimal()), ids[0].item())
+        message = f"found the node {found!r}, but the nodes of the graph are numbers"
+        raise rotavg.FormatError(message, path=path)
     rows = rows_of(ids, graph.nodes)
     here = np.sort(rows[rows >= 0])
     if not len(here):
