@@ -278,6 +278,17 @@ def test_rigs_from_files(tmp_path: Path) -> None:
     assert "2 of 26 nodes are not in the graph" in told
 
 
+def test_tables_of_rigs_may_have_semicolons(tmp_path: Path) -> None:
+    graph = rotavg.MeasurementGraph([(0, 1), (1, 2)], [np.eye(3)] * 2)
+    path = tmp_path / "rigs.csv"
+    path.write_text("node;frame;sensor\n0;f;l\n1;f;r\n2;g;l\n")
+    rigs = rotavg.read_rigs(path, graph)
+    assert rigs.images == {0: ("f", "l"), 1: ("f", "r"), 2: ("g", "l")}
+    path.write_text("")
+    with pytest.raises(rotavg.FormatError, match="the file is empty, expected rigs"):
+        rotavg.read_rigs(path, graph)
+
+
 def test_who_adds_what(tmp_path: Path) -> None:
     scene = Scene(10, noise=0.02, wrong=0.1)
     priors = rotavg.Priors(rigs=rotavg.Rigs(scene.images))

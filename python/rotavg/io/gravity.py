@@ -34,7 +34,7 @@ def read_gravity(path: str | os.PathLike[str]) -> tuple[list[str], NDArray[np.fl
         FormatError: it holds something else; the message names the line.
     """
     path = Path(path)
-    data = registry.read_bytes((COLMAP_DATABASE,), path)
+    data = registry.read_bytes((COLMAP_DATABASE,), path, "directions of gravity")
     if COLMAP_DATABASE.recognises(data):
         return read_gravity_of(path)
     names: list[str] = []

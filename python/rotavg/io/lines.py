@@ -107,9 +107,10 @@ def integer(field: str | bytes) -> int:
 
 
 def comma_fields(path: Path, line: int, text: str) -> list[str]:
-    """The fields of a line of CSV, without blanks around them."""
+    """The fields of a line of CSV, commas or else semicolons between them, without blanks."""
+    separator = ";" if ";" in text and "," not in text else ","
     try:
-        return [field.strip() for field in next(csv.reader([text]), [])]
+        return [field.strip() for field in next(csv.reader([text], delimiter=separator), [])]
     except csv.Error as error:
         raise FormatError(f"found no CSV: {error}", path=path, line=line) from None
 

@@ -57,7 +57,7 @@ def read_rigs(path: str | os.PathLike[str], graph: MeasurementGraph) -> Rigs:
         FormatError: it holds something else; the message names the line, or the rig and camera.
     """
     path = Path(path)
-    data = read_bytes((COLMAP_DATABASE,), path)
+    data = read_bytes((COLMAP_DATABASE,), path, "rigs")
     if COLMAP_DATABASE.recognises(data):
         found = read_rigs_of(path)
         if found is None:
