@@ -208,7 +208,7 @@ def chunks(arguments: argparse.Namespace) -> None:
         arguments.workers[-1],
         arguments.parts[-1],
         tolerance=arguments.tolerance,
-        max_rounds=arguments.rounds,
+        max_rounds=arguments.max_rounds,
         callback=lambda r: print(
             f"round {r.number}: {r.objective:.12g}, {r.relative_gradient:.1e} rad, {r.kind}, "
             f"{r.seconds:.0f} s",
@@ -263,7 +263,7 @@ def main() -> None:
     parser.add_argument("--anywhere", type=float, default=0.01)
     parser.add_argument("--tasks", type=int, default=10_000)
     parser.add_argument("--tolerance", type=float, default=1e-6)
-    parser.add_argument("--rounds", type=int, default=200, help="of chunks, at most")
+    parser.add_argument("--max-rounds", type=int, default=200, help="of chunks")
     add_arguments(parser)
     arguments = parser.parse_args()
     commands[arguments.what](arguments)

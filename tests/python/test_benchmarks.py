@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -159,3 +161,11 @@ def test_the_command_writes_table_record_plot_and_readme(
     assert written.startswith("before\n<!-- figures: begin -->\n")
     assert written.endswith("<!-- figures: end -->\nafter\n")
     assert CliRunner().invoke(main, ["no-such-graph"]).exit_code == 2
+
+
+@pytest.mark.parametrize("program", ["distributed", "online", "threads", "rigs", "viewgraphs"])
+def test_programs_tell_their_options(program: str) -> None:
+    called = [sys.executable, "-m", f"benchmarks.{program}", "--help"]
+    result = subprocess.run(called, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert "usage" in result.stdout.lower()

@@ -81,7 +81,7 @@ def read_edge_list(path: str | os.PathLike[str], column: str) -> list[tuple[str,
 
 def _fields(path: Path, data: bytes) -> Iterator[tuple[int, list[str]]]:
     """(line number, fields) of every line that is neither blank nor a comment."""
-    if b'"' in data:
+    if b'"' in data and (b"," in data or b";" in data):
         for line, row in csv_rows(path, data):
             yield line, [field.decode().strip() for field in row]
         return

@@ -112,9 +112,9 @@ def from_gtsam(factors: Any, *, skip_self_edges: bool = False) -> MeasurementGra
 def priors_from_gtsam(factors: Any) -> Priors:
     """What the prior factors on Rot3, Pose3, Rot2 and Pose2 say, for `rotavg.solve`.
 
-    A rotation becomes an absolute prior of the weight that its information has (one number: the
-    inverse of its mean variance), or where it is constrained a fixed rotation; the position of a
-    pose one of `Priors.positions`, for `rotavg.refine_poses`, of the information 1e9 I if it is
+    A rotation becomes an absolute prior of the weight that its information has (one number: half
+    the inverse of its mean variance), or where it is constrained a fixed rotation; the position of
+    a pose one of `Priors.positions`, for `rotavg.refine_poses`, of the information 1e9 I if it is
     constrained. What the information about rotation and position shares is left out.
 
     Raises:

@@ -143,7 +143,7 @@ def ground(graph: MeasurementGraph, priors: Priors) -> Grounded | None:
     if not isinstance(graph, MeasurementGraph):
         raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
     if isinstance(priors, Priors) and isinstance(priors.rigs, Rigs):
-        priors = replace(priors, rigs=_cameras(priors.rigs))
+        priors = replace(priors, rigs=cameras_of(priors.rigs))
     made = core_priors(graph, priors)
     if not (priors.hold_world or priors.rigs):
         return None
@@ -156,7 +156,7 @@ def ground(graph: MeasurementGraph, priors: Priors) -> Grounded | None:
     return Grounded(graph, priors, core)
 
 
-def _cameras(rigs: Rigs) -> dict[Any, tuple[Any, Any]]:
+def cameras_of(rigs: Rigs) -> dict[Any, tuple[Any, Any]]:
     """The images of rigs all of whose sensors are known."""
     for node, value in rigs.images.items():
         if not isinstance(value, (tuple, list)) or len(value) != 2:

@@ -13,6 +13,7 @@ from rotavg.base.arrays import as_floats, read_only
 from rotavg.base.errors import GraphError, OptionError
 from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.priors.grounded import cameras_of
 from rotavg.priors.priors import Priors, Rigs
 from rotavg.solving.robust import RobustFit
 from rotavg.solving.solution import Solution
@@ -205,16 +206,7 @@ def _of_frames(
 ) -> tuple[dict[Any, tuple[Any, NDArray[np.float64]]], dict[Any, NDArray[np.float64]]]:
     """Frame and rotation of every node, and down in every frame; those of no rig are their own."""
     own = {node: (("node", node), np.eye(3)) for node in graph.nodes.tolist()}
-    rigs = priors.rigs
-    if isinstance(rigs, Rigs):
-        known = rigs.rotations
-        unknown = next((s for _, s in rigs.images.values() if s not in known), None)
-        if unknown is not None:
-            raise GraphError(
-                f"headings alone: the rotation of sensor {unknown!r} is not known, expected "
-                "calibrated rigs"
-            )
-        rigs = {node: (frame, known[sensor]) for node, (frame, sensor) in rigs.images.items()}
+    rigs = cameras_of(priors.rigs) if isinstance(priors.rigs, Rigs) else priors.rigs
     for node, (frame, C) in rigs.items():
         own[node] = ("frame", frame), as_floats(C, (3, 3), f"the rotation of node {node!r}")
     keys = [key.item() if isinstance(key, np.generic) else key for key in priors.gravity]
