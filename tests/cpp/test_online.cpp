@@ -248,6 +248,36 @@ TEST_CASE("wrong closures are left out, and pardoned where others agree with the
   CHECK(loop.state().num_edges >= 11);
 }
 
+TEST_CASE("what was left out comes back where nothing checks it any more") {
+  OnlineOptions options;
+  options.loss = Loss::tls;
+  options.loss_scale = 0.1;
+  const auto turn = [](double angle) { return exp_so3({0.0, 0.0, angle}); };
+
+  Online parted(options);
+  const Index right = parted.add({{0, 2, turn(0.0)}}, {false}).front();
+  const Index odometry = parted.add({{1, 0, turn(0.0)}}).front();
+  parted.add({{1, 2, turn(1.0)}});
+  CHECK(parted.edge_weights()[right] == 0.0);
+  parted.remove({odometry});
+  CHECK(parted.edge_weights()[right] == 1.0);
+  CHECK(parted.state().num_components == 1);
+  CHECK(parted.state().num_outliers == 0);
+
+  // Two parts, an edge between them that agrees with the only other one, and one that does not.
+  Online joined(options);
+  joined.add({{0, 1, turn(0.0)}, {2, 3, turn(0.0)}});
+  const Index bridge = joined.add({{1, 2, turn(0.0)}}, {true}).front();
+  const Index agrees = joined.add({{0, 3, turn(0.001)}}, {false}).front();
+  const Index wrong = joined.add({{0, 2, turn(1.0)}}, {false}).front();
+  CHECK(joined.edge_weights()[wrong] == 0.0);
+  joined.remove({bridge, agrees});
+  CHECK(joined.edge_weights()[wrong] == 1.0);
+  const auto back = joined.add({{1, 2, turn(0.0)}, {0, 3, turn(0.001)}}, {false, false});
+  CHECK(joined.edge_weights()[wrong] == 0.0);
+  for (const Index k : back) CHECK(joined.edge_weights()[k] == 1.0);
+}
+
 TEST_CASE("bad input is refused, and changes nothing") {
   Online online;
   const Matrix3 I = Matrix3::Identity();

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 import rotavg
+from rotavg.graph.conventions import matrices_from_rotvecs
 
 Array = NDArray[np.float64]
 
@@ -192,3 +193,21 @@ def test_solutions_and_dicts_have_rotations_by_id() -> None:
     assert rotavg.certify(other, solution.rotations).verdict != "proved"
     with pytest.raises(rotavg.GraphError, match="there is none of node 19"):
         rotavg.certify(other, {0: np.eye(3)})
+
+
+@pytest.mark.parametrize("ratio", [1e-9, 1e-6, 1e6, 1e9, 1e12])
+def test_a_fit_without_residuals_is_proved_however_weights_differ(ratio: float) -> None:
+    rng = np.random.default_rng(3)
+    truth = matrices_from_rotvecs(rng.normal(size=(7, 3)))
+    edges = np.array([(0, 1), (1, 2), (2, 0), (2, 3), (3, 4), (4, 5), (5, 3), (5, 6)])
+    rotations = np.swapaxes(truth[edges[:, 0]], 1, 2) @ truth[edges[:, 1]]
+    for heavy in range(len(edges)):
+        weights = np.ones(len(edges))
+        weights[heavy] = ratio
+        solution = rotavg.solve(rotavg.MeasurementGraph(edges, rotations, weights))
+        assert solution.verdict == "proved", (heavy, solution.certificate)
+    path = rotavg.MeasurementGraph(edges[:2], rotations[:2], [ratio, 1.0])
+    assert rotavg.solve(path).verdict == "proved"
+    graph = rotavg.MeasurementGraph(edges, rotations)
+    for loss in ("auto", "tls", "huber"):
+        assert rotavg.solve(graph, loss=loss, excluded=[(2, 3)]).verdict == "proved"

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,14 +23,18 @@ import rotavg
 distributed = pytest.importorskip("distributed", reason="needs the extra [distributed]")
 pytest.importorskip("pymetis", reason="needs the extra [distributed]")
 
+import dask  # noqa: E402
+
 import rotavg.distributed.chebyshev as chebyshev  # noqa: E402
 from rotavg.distributed import Interrupted, solve  # noqa: E402
+from rotavg.distributed.cluster import local_cluster  # noqa: E402
 from rotavg.distributed.deadline import Deadline  # noqa: E402
 
 front = importlib.import_module("rotavg.distributed.solve")  # the function has its name
 
 pytestmark = pytest.mark.filterwarnings("default")  # Dask's and Tornado's own
 
+RUNNING = distributed.core.Status.running
 GRAPH = rotavg.simulate("erdos_renyi", 90, noise=0.3, density=0.3, seed=4).graph
 
 
@@ -43,13 +48,8 @@ def client() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def processes() -> Iterator[Any]:
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
-        ) as cluster,
-        distributed.Client(cluster) as one,
-    ):
-        yield one
+    with ExitStack() as two:
+        yield local_cluster(two, workers=2)
 
 
 def in_files(folder: Path, graph: rotavg.MeasurementGraph, count: int) -> Path:
@@ -172,9 +172,34 @@ def deadly_source() -> Any:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+def test_where_no_worker_is_left_it_is_told() -> None:
+    def all_go(round: Any) -> None:
+        one.cluster.scale(0)
+
+    soon = {"distributed.scheduler.no-workers-timeout": "1s"}
+    with (
+        dask.config.set(soon),
+        distributed.Client(
+            processes=False, n_workers=1, dashboard_address=":0", silence_logs=50
+        ) as one,
+        pytest.raises(rotavg.SolverError, match="no worker is left of the cluster"),
+    ):
+        solve(GRAPH, client=one, parts=2, tolerance=0.0, callback=all_go)
+
+
 def test_a_task_that_kills_every_worker_is_told(processes: Any) -> None:
     with pytest.raises(rotavg.SolverError, match="workers died at one task"):
         solve([deadly_source], client=processes, parts=2)
+
+
+def test_places_that_are_given_up_are_filled_again(processes: Any) -> None:
+    cluster = processes.cluster
+    name, nanny = next(iter(cluster.workers.items()))
+    processes.sync(nanny.close)  # as where its process dies while it starts
+    deadline = time.monotonic() + 120.0
+    while (now := cluster.workers.get(name, nanny)) is nanny or now.status != RUNNING:
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
 
 
 SLOW = """

@@ -57,6 +57,10 @@ def test_what_cannot_be_solved_is_told(client: Any, tmp_path: Path) -> None:
         solve(GRAPHS["sphere"], client=client, parts=0)
     with pytest.raises(rotavg.OptionError, match="loss is 'huber'"):
         solve(GRAPHS["sphere"], client=client, loss="huber")  # type: ignore[arg-type]
+    (tmp_path / "lost").mkdir()
+    (tmp_path / "lost" / "b.g2o").symlink_to(tmp_path / "unmounted")
+    with pytest.raises(rotavg.FormatError, match=r"b\.g2o: is no file, expected one with edges"):
+        solve(tmp_path / "lost", client=client)
     with pytest.raises(rotavg.FormatError, match="holds no file"):
         solve(tmp_path, client=client)
     (tmp_path / "bad.txt").write_text("1 2 nonsense\n")

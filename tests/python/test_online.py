@@ -136,6 +136,11 @@ def test_bad_input_changes_nothing() -> None:
     for options in ({"loss": "tls"}, {"loss": "auto", "loss_scale": 1.0}, {"tolerance": 0.0}):
         with pytest.raises(rotavg.OptionError):
             rotavg.Online(**options)  # type: ignore[arg-type]
+    with pytest.raises(rotavg.OptionError, match="expected one of 'l2', 'huber'"):
+        rotavg.Online(loss="x")
+    with pytest.raises(rotavg.OptionError, match="loss_scale is 10; expected an angle in radians"):
+        rotavg.Online(loss="tls", loss_scale=10)
+    assert len(rotavg.Online().add([], [])) == 0
     names = rotavg.Online()
     with pytest.raises(rotavg.GraphError):
         names.add([("a", "a")], one)

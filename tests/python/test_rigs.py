@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -162,6 +163,49 @@ def test_several_rigs_and_gravity() -> None:
     tilt = [np.degrees(np.arccos(min(1, (R @ down[k][0])[1]))) for k, R in solution.items()]
     assert max(tilt) < 3
     assert scene.error(solution) < 1
+
+
+def test_with_gravity_sensors_and_frames_converge() -> None:
+    for seed in (1685, *range(60)):
+        rng = np.random.default_rng(seed)
+        turns = matrices_from_rotvecs(2 * rng.normal(size=(3, 3)))
+        C = matrices_from_rotvecs(rng.normal(size=(3, 3)))
+        C[0] = np.eye(3)
+        truth = np.array([turns[k // 3] @ C[k % 3] for k in range(9)])
+        i = rng.integers(0, 9, 24)
+        j = (i + 1 + rng.integers(0, 8, 24)) % 9
+        noise = matrices_from_rotvecs(0.2 * rng.normal(size=(24, 3)))
+        R = np.swapaxes(truth[i], 1, 2) @ truth[j] @ noise
+        graph = rotavg.MeasurementGraph(np.stack([i, j], axis=1), R, nodes=np.arange(9))
+        rigs = rotavg.Rigs({k: (k // 3, k % 3) for k in range(9)}, {0: np.eye(3)})
+        gravity = {k: (truth[k].T @ [0, 1, 0], 1.0) for k in range(0, 9, 2)}
+        solution = rotavg.solve(graph, priors=rotavg.Priors(rigs=rigs, gravity=gravity))
+        assert solution.rigs is not None
+        assert solution.rigs.converged, (seed, solution.rigs.relative_gradient)
+        assert "have not converged" not in solution.rigs.sentence
+        joint = replace(solution.rigs, converged=False, lower_bound=0.0, rig_objective=1e-9)
+        assert "sensors and frames have not converged (relative gradient" in joint.sentence
+        assert "by at most 1e+02 %" in joint.sentence
+
+
+@pytest.mark.parametrize("with_gravity", [False, True])
+def test_without_noise_frames_and_sensors_are_proved_together(with_gravity: bool) -> None:
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        turns = matrices_from_rotvecs(2 * rng.normal(size=(4, 3)))
+        C = [np.eye(3), matrices_from_rotvecs(rng.normal(size=3))]
+        truth = np.array([turns[k // 2] @ C[k % 2] for k in range(8)])
+        i = rng.integers(0, 8, 20)
+        j = (i + 1 + rng.integers(0, 7, 20)) % 8
+        edges = np.stack([i, j], axis=1)
+        R = np.swapaxes(truth[i], 1, 2) @ truth[j]
+        graph = rotavg.MeasurementGraph(edges, R, nodes=np.arange(8))
+        rigs = rotavg.Rigs({k: (k // 2, k % 2) for k in range(8)}, {0: np.eye(3)})
+        gravity = {k: (truth[k].T @ [0, 1, 0], 1.0) for k in range(8)} if with_gravity else {}
+        solution = rotavg.solve(graph, priors=rotavg.Priors(rigs=rigs, gravity=gravity))
+        assert solution.verdict == "proved", (seed, solution.certificate)
+        assert solution.rigs is not None
+        assert "proved for frames and sensors together" in solution.rigs.sentence, seed
 
 
 def test_what_cannot_be_is_refused() -> None:

@@ -318,3 +318,17 @@ def test_where_sweeps_have_no_end_newtons_steps_go_on() -> None:
     assert found.iterations < sweeps.iterations
     again = rotavg.solve(simulation.graph, num_threads=2, **options)
     assert again.rotations.tobytes() == found.rotations.tobytes()
+
+
+@pytest.mark.parametrize("loss", ["huber", "l1", "l_half", "cauchy"])
+def test_within_a_scale_that_was_given_no_edge_is_an_outlier(loss: Any) -> None:
+    data = rotavg.simulate("erdos_renyi", 60, density=0.3, noise=1e-3, outliers=0.3, seed=2)
+    solution = rotavg.solve(data.graph, loss=loss, loss_scale=0.1)
+    assert solution.robust is not None
+    assert solution.robust.threshold == 0.1
+    half = solution.edge_weights >= 0.5
+    assert np.count_nonzero(half) > 300
+    assert not solution.is_outlier[half].any()
+    noise = rotavg.solve(data.graph, loss=loss).robust
+    assert noise is not None
+    assert noise.threshold == pytest.approx(3 * noise.noise)

@@ -19,17 +19,27 @@ ON_THIS_MACHINE = {
     # A process that dies closes its connections; one that is slow to answer is only busy.
     "distributed.comm.timeouts.tcp": "1 hour",
     "distributed.comm.timeouts.connect": "10 minutes",
+    # Where none can be started any more, what waits for one would wait for ever.
+    "distributed.scheduler.no-workers-timeout": "3 minutes",
 }
 
 
-def local_cluster(processes: ExitStack) -> Any:
-    """A client of processes on this machine, for as long as they are wanted."""
+def local_cluster(processes: ExitStack, workers: int | None = None) -> Any:
+    """A client of processes on this machine, for as long as they are wanted.
+
+    Args:
+        processes: what ends them.
+        workers: how many; by default one for each processor.
+    """
     distributed = require("distributed", "distributed")
     config = require("dask", "distributed").config
     with _left_to_this_process(), config.set(ON_THIS_MACHINE):
         try:
             local = distributed.LocalCluster(
-                threads_per_worker=1, dashboard_address=":0", silence_logs=logging.CRITICAL
+                n_workers=workers,
+                threads_per_worker=1,
+                dashboard_address=":0",
+                silence_logs=logging.CRITICAL,
             )
         except RuntimeError as error:
             raise SolverError(
@@ -37,7 +47,25 @@ def local_cluster(processes: ExitStack) -> Any:
                 "`if __name__ == '__main__':` around what it does, as they import it"
             ) from error
         processes.enter_context(local)
+        _keep_filled(local)
         return processes.enter_context(distributed.Client(local))
+
+
+def _keep_filled(local: Any) -> None:
+    """Have places filled again that Dask gives up.
+
+    It does so where a process dies while it starts, and where one that died has not come back
+    within 15 seconds, which on a busy machine is soon.
+    """
+
+    def fill() -> None:
+        wanted = len(local.worker_spec)
+        if local.status == running and len(local.workers) < wanted:
+            local.scale(wanted)
+
+    running = require("distributed", "distributed").core.Status.running
+    periodic = require("tornado.ioloop", "distributed").PeriodicCallback(fill, 1000.0)
+    local.loop.add_callback(periodic.start)
 
 
 @contextmanager
@@ -65,5 +93,16 @@ def told_plainly() -> Iterator[None]:
             f"workers died at one task, {error.allowed_failures + 1} of them: most likely there is "
             "not enough memory; expected more parts or fewer workers on a machine"
         ) from error
+    except _without_workers(distributed) as error:
+        raise SolverError(
+            f"no worker is left of the cluster, and none has come for {error.timeout:g} s: most "
+            "likely there is not enough memory; expected more parts or fewer workers on a machine"
+        ) from error
     except (distributed.CancelledError, distributed.comm.CommClosedError) as error:
         raise SolverError(f"the cluster was lost: {error}") from error
+
+
+def _without_workers(distributed: Any) -> tuple[type[Any], ...]:
+    """What tasks fail with where all workers are gone; schedulers wait as they are configured."""
+    error = getattr(distributed.scheduler, "NoWorkerError", None)  # since Dask 2024.9
+    return () if error is None else (error,)

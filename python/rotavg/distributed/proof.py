@@ -141,7 +141,8 @@ class Measure:
     Attributes:
         num_edges: of the graph.
         objective: (components,) their parts of f.
-        weight: (components,) sums of weights; no edge counts for more than 1000 times the lightest.
+        weight: (components,) sums of weights; no edge counts for more than
+            1e12 times the lightest.
     """
 
     num_edges: int
@@ -180,7 +181,7 @@ def _capped_weights(
 ) -> NDArray[np.float64]:
     edges = part.edges.take(part.counted)
     label = component[edges.i]
-    capped = np.minimum(edges.weights, 1000.0 * lightest[label])
+    capped = np.minimum(edges.weights, 1e12 * lightest[label])
     return np.asarray(np.bincount(label, capped, minlength=len(lightest)), np.float64)
 
 

@@ -21,7 +21,10 @@ def chunks_of(client: Any, source: str | Path | Sequence[Chunk]) -> Iterator[Any
         if not folder.is_dir():
             raise FormatError("is no folder, expected one of files with edges", path=str(folder))
         names = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
-        files = [path for path in names if path.is_file()]
+        files = [path for path in names if not path.is_dir()]
+        for path in files:
+            if not path.is_file():  # a link to nowhere
+                raise FormatError("is no file, expected one with edges", path=str(path))
         if not files:
             raise FormatError("holds no file, expected parts of a graph", path=str(folder))
         yield from (client.submit(_read, str(path), pure=False) for path in files)

@@ -105,6 +105,11 @@ class RigFit:
             text += f"; not determined by the measurements: {', '.join(map(repr, lost))}"
         if self.alone:
             text += f"; in no frame with another: {', '.join(map(repr, self.alone))}"
+        if not self.converged:
+            text += (
+                f"; sensors and frames have not converged (relative gradient "
+                f"{self.relative_gradient:.1g})"
+            )
         gap = self.joint_gap
         if gap is not None:
             text += f"; {self._joint(gap)}"
@@ -113,7 +118,7 @@ class RigFit:
     def _joint(self, gap: float) -> str:
         if gap <= max(1e-6 * self.rig_objective, _RELATIVE_ROUNDING * self.rig_weight):
             return "proved for frames and sensors together"
-        share = 100 * gap / self.rig_objective
+        share = min(100.0, 100 * gap / self.rig_objective)  # the gap is that of the priors, too
         return f"other sensors could lower the objective of the rigs by at most {share:.2g} %"
 
 

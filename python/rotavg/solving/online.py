@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,11 @@ from rotavg.graph import conventions
 from rotavg.graph.conventions import Convention
 from rotavg.graph.ids import IdArray, as_edges, as_ids, edge_error
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.solving import options
 from rotavg.solving.certificate import Verdict
+from rotavg.solving.robust import Loss
+
+_LOSSES = tuple(loss for loss in get_args(Loss) if loss != "auto")
 
 
 @dataclass(frozen=True)
@@ -77,12 +81,15 @@ class Online:
         loss: str = "l2",
         loss_scale: float | None = None,
     ) -> None:
+        if loss not in _LOSSES:
+            raise OptionError(f"loss is {loss!r}; expected one of {', '.join(map(repr, _LOSSES))}")
+        scale = options.angle("loss_scale", loss_scale, None) if loss != "l2" else 0.0
         try:
             self._core = _core.Online(
                 tolerance=tolerance,
                 certificate_tolerance=certificate_tolerance,
                 loss=loss,
-                loss_scale=0.0 if loss_scale is None else loss_scale,
+                loss_scale=scale,
             )
         except (ValueError, TypeError) as error:
             raise OptionError(str(error)) from None
@@ -123,6 +130,8 @@ class Online:
         given = rotations
         if m == 1 and np.ndim(rotations) == 2:
             given = np.asarray(rotations)[None]
+        if np.size(given) == 0:
+            given = np.zeros((0, 3, 3))
         matrices = as_floats(given, (m, 3, 3), "rotations", copy=False)
         conventions.check_family(convention)
         if convention == "vision":

@@ -59,7 +59,7 @@ namespace detail {
 constexpr double objective_floor = 1e-20;
 
 /// No edge counts for more than so many times the lightest (Measure::weight).
-constexpr double most_of_lightest = 1000.0;
+constexpr double most_of_lightest = 1e12;
 
 /// What the gap of one component is held against.
 struct Measure {

@@ -154,6 +154,7 @@ class OnlineEngine {
         optimum_.settle();
       }
     }
+    tended_.parted.clear();
     count();
   }
 

@@ -43,15 +43,19 @@ class OnlineWeights {
 
   /// One round of reweighting. Of the truncated loss the edge that is furthest beyond the scale
   /// goes, alone, for the others may be there because of it; and those come back that the rotations
-  /// of now agree with. Others get the weights of their residuals.
-  /// @param edges those that are new; receives those at nodes that have moved
+  /// of now agree with, and, one at a time, those that nothing checks any more, between components.
+  /// Others get the weights of their residuals.
+  /// @param edges those that are new; receives those at nodes that have moved, or are in another
+  ///        component
   /// @returns whether a weight has changed
   bool operator()(std::vector<Index>& turned, std::vector<Index>& edges,
                   std::unordered_set<Index>& dropped, std::unordered_set<Index>& pardoned) {
-    for (const Index i : turned) {
-      for (const GrowingGraph::End& end : tended_.graph().ends(i)) edges.push_back(end.edge);
+    for (std::vector<Index>* nodes : {&turned, &tended_.parted}) {
+      for (const Index i : *nodes) {
+        for (const GrowingGraph::End& end : tended_.graph().ends(i)) edges.push_back(end.edge);
+      }
+      nodes->clear();
     }
-    turned.clear();
     std::sort(edges.begin(), edges.end());
     edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
     constexpr double coarse = 1e-3;
@@ -59,10 +63,16 @@ class OnlineWeights {
     std::vector<std::pair<Index, double>> parts;
     double worst = 0.0;
     Index furthest = -1;
+    bool joins = false;
     for (const Index k : edges) {
       const OnlineEdge& e = tended_.graph().edge(k);
       const bool hangs = e.weight > 0.0 && !e.in_core;
       if (!e.is_there || e.trusted || !(e.given > 0.0) || hangs) continue;
+      if (tended_.core.node(e.i).component != tended_.core.node(e.j).component) {
+        if (!joins && pardoned.insert(k).second) parts.emplace_back(k, 1.0);
+        joins = true;
+        continue;
+      }
       const double x = squared_chord(k), part = loss_.weight(x);
       if (truncated && part == 0.0 && e.weight > 0.0) {
         if (x > worst && dropped.count(k) == 0 && !tended_.is_bridge(k)) {

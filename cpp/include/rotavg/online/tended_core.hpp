@@ -28,6 +28,7 @@ class TendedCore {
   std::vector<OnlineComponent> components;
   std::vector<Index> touched;  ///< nodes of the core
   std::vector<Index> fresh;    ///< edges that have come to the core
+  std::vector<Index> parted;   ///< nodes that are in another component than before
   Index num_components = 0;
 
   const GrowingGraph& graph() const { return core.graph(); }
@@ -211,6 +212,7 @@ class TendedCore {
     for (const Index l : components[other].nodes) {
       core.node(l).component = c;
       component.nodes.push_back(l);
+      parted.push_back(l);
     }
     add_sums(component, components[other]);
     end_component(other);
@@ -269,6 +271,7 @@ class TendedCore {
     }
     components[c].nodes = std::move(rest);
     const Index other = start_component(side, ground);
+    parted.insert(parted.end(), side.begin(), side.end());
     for (const Index part : {c, other}) {
       components[part].is_touched = true;
       sum_anew(components[part], graph());

@@ -178,8 +178,9 @@ class GroundedGraph {
     if (!has_world_) {
       if (edges_between_variables(given, frames_).empty()) {
         throw std::invalid_argument(
-            "all edges are between cameras of one frame, which the rig holds: nothing is left to "
-            "solve");
+            "all edges are between cameras of one frame: none says how two frames lie to one "
+            "another "
+            "(for the sensors alone, average the graph whose nodes they are)");
       }
       return ReducedGraph(given, frames_);
     }

@@ -122,6 +122,20 @@ inline double refine_sensors(const MeasurementGraph& graph, const RigLayout& lay
   const SharedRiding shared = ride_on_shared(layout, images, held, C);
   SharedResult found = refine_shared(images.graph(), shared, held.graph(),
                                      held.variables_from(estimate.rotations), C, options);
+  // Where hardly anything is left over, sensors that are right to the tolerance alone would keep
+  // the frames from being proved, which then are to fit to rounding.
+  constexpr double exact = 1e-14, to_rounding = 1e-14;
+  const Rotations R = images.nodes_from(shared.nodes_from(found.variables, found.shared));
+  if (found.converged && found.relative_gradient > to_rounding &&
+      objective(images, R) <= exact * images.graph().total_weight()) {
+    IterationOptions nearer = options;
+    nearer.tolerance = to_rounding;
+    const int before = found.iterations;
+    found = refine_shared(images.graph(), shared, held.graph(), std::move(found.variables),
+                          std::move(found.shared), nearer);
+    found.converged = found.relative_gradient <= options.tolerance;
+    found.iterations += before;
+  }
   double change = 0.0;
   for (std::size_t s = 0; s < C.size(); ++s) {
     if (!layout.is_estimated(static_cast<Index>(s))) continue;

@@ -40,9 +40,11 @@ struct PriorVerdicts {
 /// The weighted least-squares solution that the reweighting ended with: `objective`,
 /// `gradient_norm` and the certificate are those of the graph with `edge_weights`.
 struct RobustSolution : Solution {
-  RobustLoss loss;                   ///< with the scale that was used
-  double noise = 0.0;                ///< estimated standard deviation of the noise angle, radians
-  double threshold = 0.0;            ///< of outliers, radians; pi with Loss::l2, which has none
+  RobustLoss loss;     ///< with the scale that was used
+  double noise = 0.0;  ///< estimated standard deviation of the noise angle, radians
+  /// Of outliers, radians: 3 times the noise, and no less than a scale within which at least half
+  /// of the weight is left; of Loss::tls the scale; pi with Loss::l2, which has none.
+  double threshold = 0.0;
   double robust_objective = 0.0;     ///< 2 sum w rho(r^2), with priors before they are met
   std::vector<double> edge_weights;  ///< (m,) given weight times robust weight
   /// (m,) factors by which the scale, the noise and the threshold of an edge differ from those

@@ -238,6 +238,12 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   solution.noise = noise;
   solution.threshold = outlier_noises * solution.noise;
   if (loss.kind == Loss::tls) solution.threshold = loss.scale;
+  // Within a scale that was given, which may be far beyond the noise, most of an edge's weight is
+  // left.
+  constexpr double most = 0.5;
+  if (loss.weight(loss.scale * loss.scale) >= most) {
+    solution.threshold = std::max(solution.threshold, loss.scale);
+  }
   double doubtful = solution.threshold;
   if (loss.kind == Loss::l2) {  // believes everything
     solution.threshold = 3.141592653589793;

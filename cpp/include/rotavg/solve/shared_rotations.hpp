@@ -272,17 +272,30 @@ inline SharedResult refine_shared(const MeasurementGraph& graph, const SharedRid
           metric.gather(frame, H_w, Hp);
         },
         [&](const NodeVectors& r, NodeVectors& z) { metric.apply(r, z); });
-    const double slope = g.cwiseProduct(w).sum(), f = residuals.objective();
-    bool fell = false;
+    const double f = residuals.objective();
     Rotations next_Q(Q), next_C(C);
-    double t = 1.0;
-    for (int k = 0; k < max_halvings && !fell; ++k, t *= 0.5) {
-      for (Index v = 0; v < V; ++v) next_Q[v] = exp_so3(t * w.row(v).transpose()) * Q[v];
-      for (Index s = 0; s < S; ++s) next_C[s] = exp_so3(t * w.row(V + s).transpose()) * C[s];
-      residuals.update(to_quaternions(problem.nodes_from(next_Q, next_C)));
-      fell = residuals.objective() <= f + sufficient * t * slope + residuals.objective_rounding();
-    }
-    if (!fell) {
+    const auto falls_along = [&](const NodeVectors& direction) {
+      const double slope = g.cwiseProduct(direction).sum();
+      bool fell = false;
+      double t = 1.0;
+      for (int k = 0; k < max_halvings && !fell && slope < 0.0; ++k, t *= 0.5) {
+        for (Index v = 0; v < V; ++v) next_Q[v] = exp_so3(t * direction.row(v).transpose()) * Q[v];
+        for (Index s = 0; s < S; ++s) {
+          next_C[s] = exp_so3(t * direction.row(V + s).transpose()) * C[s];
+        }
+        residuals.update(to_quaternions(problem.nodes_from(next_Q, next_C)));
+        fell = residuals.objective() <= f + sufficient * t * slope + residuals.objective_rounding();
+      }
+      return fell;
+    };
+    const auto steepest = [&] {
+      NodeVectors z;
+      metric.apply(g, z);
+      return NodeVectors(-z);
+    };
+    // With gravity a turn about the vertical may cost almost nothing, and its part of a Newton step
+    // be rounding alone.
+    if (!falls_along(w) && !falls_along(steepest())) {
       residuals.update(to_quaternions(problem.nodes_from(Q, C)));
       break;
     }

@@ -41,7 +41,8 @@ auto solve_measurements(const GroundedGraph& problem, std::optional<Rotations> s
   if (!has_rigs) return solve(problem.has_world() ? given : problem.graph(), std::move(start));
   if (start) start = problem.frames().variables_from(checked_rotations(given, *std::move(start)));
   if (edges_between_variables(given, problem.frames()).empty()) {
-    throw std::invalid_argument("all edges are between cameras of one frame, which the rig holds");
+    throw std::invalid_argument(
+        "all edges are between cameras of one frame: none says how two frames lie to one another");
   }
   std::optional<ReducedGraph> between_frames;
   if (problem.has_world()) between_frames.emplace(given, problem.frames());
