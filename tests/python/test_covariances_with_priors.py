@@ -362,3 +362,33 @@ def test_what_nodes_add_makes_the_objective() -> None:
     spread = rotavg.solve(simulated(np.random.default_rng(1), 9, 0.4, RATIOS[2], 0.05)[0],
                           anisotropic="log")  # fmt: skip
     assert rotavg.diagnose(spread).node_costs.sum() == pytest.approx(spread.objective, rel=1e-9)
+
+
+def test_priors_that_contradict_one_another_count_for_what_the_loss_has_left_of_them() -> None:
+    rng = np.random.default_rng(3)
+    truth = matrices_from_rotvecs(rng.normal(size=(6, 3)))
+    edges = np.array([(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (5, 0), (1, 4)])
+    noise = matrices_from_rotvecs(0.02 * rng.normal(size=(7, 3)))
+    R = np.swapaxes(truth[edges[:, 0]], 1, 2) @ truth[edges[:, 1]] @ noise
+    graph = rotavg.MeasurementGraph(edges, R)
+    wrong = truth[3] @ matrices_from_rotvecs(np.array([0, 0, 2.6]))
+    directions = [d / np.linalg.norm(d) for d in rng.normal(size=(3, 3))]
+    absolute = {0: (truth[0], 1.0), 3: (wrong, 4.0)}
+    gravity = {k: (d, 3.0) for k, d in zip((1, 2, 4), directions)}
+    priors = rotavg.Priors(absolute=absolute, gravity=gravity)
+    solution = rotavg.solve(graph, priors=priors, loss="cauchy")
+    robust = solution.robust
+    assert robust is not None
+    assert robust.absolute_priors is not None
+    assert robust.gravity_priors is not None
+    assert solution.verdict == "proved"
+    assert not robust.absolute_priors.is_outlier.any()  # so few can be no outliers
+    assert max(robust.absolute_priors.threshold, robust.gravity_priors.threshold) <= np.pi
+    weighed = rotavg.Priors(
+        absolute={k: (absolute[k][0], w) for k, w in zip((0, 3), robust.absolute_priors.weights)},
+        gravity={k: (gravity[k][0], w) for k, w in zip((1, 2, 4), robust.gravity_priors.weights)},
+    )
+    same = rotavg.solve(graph.with_weights(solution.edge_weights), priors=weighed)
+    np.testing.assert_allclose(
+        solution.covariances(noise_variance=1e-3), same.covariances(noise_variance=1e-3), rtol=1e-6
+    )

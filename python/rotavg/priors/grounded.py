@@ -25,6 +25,10 @@ class Weighed(Protocol):
         """(k,) in the order of the nodes of the graph."""
 
     @property
+    def weights(self) -> NDArray[np.float64]:
+        """(k,) in the same order: with what the loss has left of them."""
+
+    @property
     def is_outlier(self) -> NDArray[np.bool_]:
         """(k,) in the same order."""
 
@@ -60,6 +64,16 @@ class Grounded:
         return self._with_weights_of_priors(
             none if absolute is None else absolute.believed_weights,
             none if gravity is None else gravity.believed_weights,
+        )
+
+    def with_final_weights(self, absolute: Weighed | None, gravity: Weighed | None) -> Grounded:
+        """The same problem with the weights that the reweighting of priors ended with."""
+        if absolute is None and gravity is None:
+            return self
+        none = np.empty(0)
+        return self._with_weights_of_priors(
+            none if absolute is None else absolute.weights,
+            none if gravity is None else gravity.weights,
         )
 
     def _with_weights_of_priors(self, *weights: NDArray[np.float64]) -> Grounded:

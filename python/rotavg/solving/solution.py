@@ -163,7 +163,8 @@ class Solution(NodeMapping):
         pairs (i, j), that of R_j as seen from i, the covariance of w_j - w_i, whatever is held.
         They come from the inverse of the Hessian by selected inversion, and hold where the noise is
         small and independent, the same in all directions, and its variance inverse to the weight.
-        With a robust loss the edges that are no outliers count with their given weights.
+        With a robust loss the edges and priors that are no outliers count with their given weights;
+        with their final ones where priors contradict one another so much that there is no minimum.
 
         Args:
             pairs: (k, 2) node ids, the nodes of each pair in one component; None for all nodes

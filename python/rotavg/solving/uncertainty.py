@@ -12,6 +12,8 @@ from rotavg.base.errors import GraphError, OptionError, SolverError
 from rotavg.base.memory import check_memory
 from rotavg.graph.covariances import information, precision_of_weight_one
 from rotavg.graph.ids import as_ids, rows_of
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.priors.grounded import Grounded
 from rotavg.solving.solved import Solved
 
 _BYTES_PER_PAIR = 250  # at most at a time: the pairs, the core's result and the one in its frame
@@ -29,30 +31,18 @@ def covariances(
         count = pairs.size // 2 if isinstance(pairs, np.ndarray) else 0
         check_memory(f"the covariances of {count} pairs", _BYTES_PER_PAIR * count, SolverError)
     rows = None if pairs is None else _rows(solution, pairs)
-    graph, grounded = solution.graph, solution.grounded
-    if solution.robust is not None:
+    variance = _noise_variance(solution, noise_variance)
+    graph, grounded, robust = solution.graph, solution.grounded, solution.robust
+    if robust is not None:
         # What is distrusted counts for nothing, but keeps the parts of the graph together.
         graph = graph.with_weights(graph.weights * np.where(solution.is_outlier, 1e-6, 1.0))
-    variance = _noise_variance(solution, noise_variance)
     try:
-        if grounded is not None:
-            found = grounded.with_weights(graph.weights).covariances(
-                solution.rotations,
-                None if rows is None else _indices(rows),
-                noise_variance=variance,
-                num_threads=1,
-                information=None if solution.isotropic is None else _information(solution),
-                prior_information=_prior_information(solution),
-            )
-        else:
-            found = _core.covariances(
-                graph._core,
-                solution.rotations,
-                _indices(_from_roots(solution.component) if rows is None else rows),
-                noise_variance=variance,
-                information=None if solution.isotropic is None else _information(solution),
-                num_threads=1,
-            )
+        found = _found(solution, rows, variance, graph, grounded)
+        if found is None and robust is not None and grounded is not None:
+            # Priors may contradict one another and none be an outlier, where there are few.
+            final = grounded.with_final_weights(robust.absolute_priors, robust.gravity_priors)
+            graph = graph.with_weights(robust.edge_weights)
+            found = _found(solution, rows, variance, graph, final)
     except _core.TooLarge as error:
         raise SolverError(str(error)) from None
     if found is None:
@@ -64,6 +54,34 @@ def covariances(
         R = solution.rotations if rows is None else solution.rotations[rows[:, 1]]
         found = np.swapaxes(R, 1, 2) @ found @ R
     return found
+
+
+def _found(
+    solution: Solved,
+    rows: NDArray[np.int64] | None,
+    variance: float,
+    graph: MeasurementGraph,
+    grounded: Grounded | None,
+) -> NDArray[np.float64] | None:
+    """Covariances of a problem with other weights; None where there is no strict minimum."""
+    information = None if solution.isotropic is None else _information(solution)
+    if grounded is not None:
+        return grounded.with_weights(graph.weights).covariances(
+            solution.rotations,
+            None if rows is None else _indices(rows),
+            noise_variance=variance,
+            num_threads=1,
+            information=information,
+            prior_information=_prior_information(solution),
+        )
+    return _core.covariances(
+        graph._core,
+        solution.rotations,
+        _indices(_from_roots(solution.component) if rows is None else rows),
+        noise_variance=variance,
+        information=information,
+        num_threads=1,
+    )
 
 
 def rms_degrees(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
