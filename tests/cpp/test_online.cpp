@@ -256,8 +256,8 @@ TEST_CASE("what was left out comes back where nothing checks it any more") {
 
   Online parted(options);
   const Index right = parted.add({{0, 2, turn(0.0)}}, {false}).front();
-  const Index odometry = parted.add({{1, 0, turn(0.0)}}).front();
-  parted.add({{1, 2, turn(1.0)}});
+  const Index odometry = parted.add({{1, 0, turn(0.0)}}, {true}).front();
+  parted.add({{1, 2, turn(1.0)}}, {true});
   CHECK(parted.edge_weights()[right] == 0.0);
   parted.remove({odometry});
   CHECK(parted.edge_weights()[right] == 1.0);
@@ -266,7 +266,7 @@ TEST_CASE("what was left out comes back where nothing checks it any more") {
 
   // Two parts, an edge between them that agrees with the only other one, and one that does not.
   Online joined(options);
-  joined.add({{0, 1, turn(0.0)}, {2, 3, turn(0.0)}});
+  joined.add({{0, 1, turn(0.0)}, {2, 3, turn(0.0)}}, {true, true});
   const Index bridge = joined.add({{1, 2, turn(0.0)}}, {true}).front();
   const Index agrees = joined.add({{0, 3, turn(0.001)}}, {false}).front();
   const Index wrong = joined.add({{0, 2, turn(1.0)}}, {false}).front();
