@@ -192,7 +192,11 @@ def test_a_task_that_kills_every_worker_is_told(processes: Any) -> None:
         solve([deadly_source], client=processes, parts=2)
 
 
-def test_places_that_are_given_up_are_filled_again(processes: Any) -> None:
+@pytest.mark.parametrize("wait", [0.5, 1000.0])
+def test_places_that_are_given_up_are_filled_again(
+    processes: Any, monkeypatch: pytest.MonkeyPatch, wait: float
+) -> None:
+    monkeypatch.setattr("rotavg.distributed.cluster._GIVEN_UP", wait)  # else it is Dask that does
     cluster = processes.cluster
     name, nanny = next(iter(cluster.workers.items()))
     processes.sync(nanny.close)  # as where its process dies while it starts

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import signal
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from multiprocessing import resource_tracker
@@ -22,6 +23,8 @@ ON_THIS_MACHINE = {
     # Where none can be started any more, what waits for one would wait for ever.
     "distributed.scheduler.no-workers-timeout": "3 minutes",
 }
+
+_GIVEN_UP = 20.0  # seconds
 
 
 def local_cluster(processes: ExitStack, workers: int | None = None) -> Any:
@@ -55,15 +58,23 @@ def _keep_filled(local: Any) -> None:
     """Have places filled again that Dask gives up.
 
     It does so where a process dies while it starts, and where one that died has not come back
-    within 15 seconds, which on a busy machine is soon.
+    within 15 seconds, which on a busy machine is soon. What it does not take away by itself, as of
+    a process that never came to the scheduler, is taken away after that time.
     """
+    status = require("distributed", "distributed").core.Status
+    ended: dict[Any, float] = {}  # since when, by the one who started the process
 
     def fill() -> None:
-        wanted = len(local.worker_spec)
-        if local.status == running and len(local.workers) < wanted:
-            local.scale(wanted)
+        if local.status != status.running:
+            return
+        for name, nanny in list(local.workers.items()):
+            if nanny.status not in (status.closed, status.failed):
+                continue
+            if time.monotonic() - ended.setdefault(nanny, time.monotonic()) > _GIVEN_UP:
+                del local.workers[name], ended[nanny]
+        if len(local.workers) < len(local.worker_spec):
+            local.scale(len(local.worker_spec))
 
-    running = require("distributed", "distributed").core.Status.running
     periodic = require("tornado.ioloop", "distributed").PeriodicCallback(fill, 1000.0)
     local.loop.add_callback(periodic.start)
 
@@ -95,8 +106,8 @@ def told_plainly() -> Iterator[None]:
         ) from error
     except _without_workers(distributed) as error:
         raise SolverError(
-            f"no worker is left of the cluster, and none has come for {error.timeout:g} s: most "
-            "likely there is not enough memory; expected more parts or fewer workers on a machine"
+            "no worker is left of the cluster, or all pause for want of memory, and none has come "
+            f"for {error.timeout:g} s; expected more parts or fewer workers on a machine"
         ) from error
     except (distributed.CancelledError, distributed.comm.CommClosedError) as error:
         raise SolverError(f"the cluster was lost: {error}") from error

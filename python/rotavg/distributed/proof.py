@@ -16,6 +16,7 @@ from rotavg.distributed.network import Network
 from rotavg.distributed.operator import UNIT_ROUNDOFF, Operator, make_operator
 from rotavg.distributed.part import Part, Rotations
 from rotavg.distributed.rounds import Rounds, as_they_are
+from rotavg.graph.counted_weights import counted_weights
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving.certificate import Certificate, ComponentCertificate, Shortfall, Verdict
 from rotavg.solving.certify import certify
@@ -142,7 +143,7 @@ class Measure:
         num_edges: of the graph.
         objective: (components,) their parts of f.
         weight: (components,) sums of weights; no edge counts for more than
-            1e12 times the lightest.
+            1000 times the lightest, but for at least 1/200 of its weight.
     """
 
     num_edges: int
@@ -154,7 +155,7 @@ def _measured(network: Network, rotations: list[Any], component: list[Any], coun
     sums = network.with_neighbours(_objectives, rotations, component, count=count)
     told = network.gather(sums)
     lightest = np.min([least for _, least in told], axis=0)
-    weights = network.each(_capped_weights, component, lightest=lightest)
+    weights = network.each(_counted_weights, component, lightest=lightest)
     return Measure(
         sum(network.gather(network.each(_num_edges))),
         np.sum([objective for objective, _ in told], axis=0),
@@ -176,13 +177,13 @@ def _objectives(
     return objective, lightest
 
 
-def _capped_weights(
+def _counted_weights(
     part: Part, component: NDArray[np.int64], lightest: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     edges = part.edges.take(part.counted)
     label = component[edges.i]
-    capped = np.minimum(edges.weights, 1e12 * lightest[label])
-    return np.asarray(np.bincount(label, capped, minlength=len(lightest)), np.float64)
+    counted = counted_weights(edges.weights, lightest[label])
+    return np.asarray(np.bincount(label, counted, minlength=len(lightest)), np.float64)
 
 
 def _num_edges(part: Part) -> int:

@@ -26,7 +26,7 @@ class Weighed(Protocol):
 
     @property
     def weights(self) -> NDArray[np.float64]:
-        """(k,) in the same order: with what the loss has left of them."""
+        """(k,) in the same order: what the loss has left of those given."""
 
     @property
     def is_outlier(self) -> NDArray[np.bool_]:
@@ -66,8 +66,10 @@ class Grounded:
             none if gravity is None else gravity.believed_weights,
         )
 
-    def with_final_weights(self, absolute: Weighed | None, gravity: Weighed | None) -> Grounded:
-        """The same problem with the weights that the reweighting of priors ended with."""
+    def with_final_prior_weights(
+        self, absolute: Weighed | None, gravity: Weighed | None
+    ) -> Grounded:
+        """The same problem with the weights that the loss has left of its priors."""
         if absolute is None and gravity is None:
             return self
         none = np.empty(0)

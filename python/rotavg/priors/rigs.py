@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rotavg import _core
 from rotavg.base.arrays import as_floats, read_only
 from rotavg.base.errors import GraphError
+from rotavg.graph.counted_weights import counted_weights
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.grounded import Grounded, core_priors, ground, of_nodes, prior_error
 from rotavg.priors.priors import Priors, Rigs
@@ -40,8 +41,7 @@ class RigFit:
         lower_bound: no frames and sensors have a smaller f than this (with the weights of the
             solution); None where no certificate was asked for, or nothing was estimated.
         rig_objective: the part of f in components of the graph that have an image of a rig.
-        rig_weight: the weights there, for what is zero to rounding; none counts for more than 1000
-            times the lightest.
+        rig_weight: the weights there, for what is zero to rounding, as `counted_weights` has them.
         alone: sensors that are in no frame with another one, and not known: nothing can tell where
             they are in a rig.
         images: frame and sensor of the nodes.
@@ -118,7 +118,9 @@ class RigFit:
     def _joint(self, gap: float) -> str:
         if gap <= max(1e-6 * self.rig_objective, _RELATIVE_ROUNDING * self.rig_weight):
             return "proved for frames and sensors together"
-        share = min(100.0, 100 * gap / self.rig_objective)  # the gap is that of the priors, too
+        if gap >= self.rig_objective:  # it is that of the priors, too
+            return "how much other sensors could lower the objective of the rigs is not known"
+        share = 100 * gap / self.rig_objective
         return f"other sensors could lower the objective of the rigs by at most {share:.2g} %"
 
 
@@ -155,8 +157,10 @@ class Sensors:
         k = np.flatnonzero(mine[i])
         residual = rotations[i[k]] @ self.graph.rotations[k] - rotations[j[k]]
         w = weights[k]
-        capped = np.minimum(w, 1000 * w.min(initial=np.inf))
-        return float(w @ (residual**2).sum(axis=(1, 2))), float(capped.sum())
+        lightest = np.full(label.max() + 1, np.inf)
+        np.minimum.at(lightest, label[i[k]], w)
+        counted = counted_weights(w, lightest[label[i[k]]])
+        return float(w @ (residual**2).sum(axis=(1, 2))), float(counted.sum())
 
     def fit(
         self,

@@ -48,7 +48,7 @@ class ComponentCertificate:
             optimum, negative where the rotations are refuted, NaN where it is not known.
         gap: bound on f(R) - f*, where f* is the global optimum. Rounding is included.
         relative_gap: gap / max(f, 1e-20 sum of weights); in the sum no edge counts for more than
-            1e12 times the lightest.
+            1000 times the lightest, but for at least 1/200 of its weight.
         method: "factorization" or "connectivity" (proofs, the latter on dense graphs), "relaxation"
             (a proof: the staircase met the optimum of the relaxation, which is below all
             rotations), "nonnegativity" (a proof: the objective itself is zero to the tolerance),

@@ -83,7 +83,7 @@ class Online:
     ) -> None:
         if loss not in _LOSSES:
             raise OptionError(f"loss is {loss!r}; expected one of {', '.join(map(repr, _LOSSES))}")
-        scale = options.angle("loss_scale", loss_scale, None) if loss != "l2" else 0.0
+        scale = options.angle("loss_scale", loss_scale, None)
         try:
             self._core = _core.Online(
                 tolerance=tolerance,
@@ -130,7 +130,7 @@ class Online:
         given = rotations
         if m == 1 and np.ndim(rotations) == 2:
             given = np.asarray(rotations)[None]
-        if np.size(given) == 0:
+        if m == 0 and np.size(given) == 0:
             given = np.zeros((0, 3, 3))
         matrices = as_floats(given, (m, 3, 3), "rotations", copy=False)
         conventions.check_family(convention)

@@ -155,7 +155,7 @@ class RobustFit(ReadOnly):
             (
                 "outliers",
                 f"{total} of {len(self.edge_verdicts)} edges, beyond "
-                f"{np.degrees(self.threshold):.3g} deg"
+                f"{np.degrees(min(self.threshold, np.pi)):.3g} deg"
                 + (f": {how}" if counts["cycle_check"] or counts["excluded"] else ""),
             ),
         ]
@@ -165,7 +165,7 @@ class RobustFit(ReadOnly):
                     (
                         what,
                         f"{int(fit.is_outlier.sum())} of {len(fit.nodes)} priors are outliers, "
-                        f"beyond {np.degrees(fit.threshold):.3g} deg",
+                        f"beyond {np.degrees(min(fit.threshold, np.pi)):.3g} deg",
                     )
                 )
         if counts["trusted"]:

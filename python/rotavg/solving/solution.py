@@ -164,7 +164,8 @@ class Solution(NodeMapping):
         They come from the inverse of the Hessian by selected inversion, and hold where the noise is
         small and independent, the same in all directions, and its variance inverse to the weight.
         With a robust loss the edges and priors that are no outliers count with their given weights;
-        with their final ones where priors contradict one another so much that there is no minimum.
+        where priors contradict one another so much that there is no minimum, they count with what
+        the loss has left of them, and the noise is estimated from the edges.
 
         Args:
             pairs: (k, 2) node ids, the nodes of each pair in one component; None for all nodes

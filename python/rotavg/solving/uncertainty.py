@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from dataclasses import replace
+from typing import Literal, Optional
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,11 +15,13 @@ from rotavg.graph.covariances import information, precision_of_weight_one
 from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.grounded import Grounded
+from rotavg.solving.robust import PriorFit
 from rotavg.solving.solved import Solved
 
 _BYTES_PER_PAIR = 250  # at most at a time: the pairs, the core's result and the one in its frame
 
 Frame = Literal["world", "node"]
+Fits = tuple[Optional[PriorFit], Optional[PriorFit]]  # of absolute priors, and of gravity
 
 
 def covariances(
@@ -31,17 +34,20 @@ def covariances(
         count = pairs.size // 2 if isinstance(pairs, np.ndarray) else 0
         check_memory(f"the covariances of {count} pairs", _BYTES_PER_PAIR * count, SolverError)
     rows = None if pairs is None else _rows(solution, pairs)
-    variance = _noise_variance(solution, noise_variance)
     graph, grounded, robust = solution.graph, solution.grounded, solution.robust
     if robust is not None:
         # What is distrusted counts for nothing, but keeps the parts of the graph together.
         graph = graph.with_weights(graph.weights * np.where(solution.is_outlier, 1e-6, 1.0))
     try:
+        variance = _noise_variance(solution, noise_variance, _fits(solution))
         found = _found(solution, rows, variance, graph, grounded)
         if found is None and robust is not None and grounded is not None:
-            # Priors may contradict one another and none be an outlier, where there are few.
-            final = grounded.with_final_weights(robust.absolute_priors, robust.gravity_priors)
-            graph = graph.with_weights(robust.edge_weights)
+            # Priors may contradict one another and none be an outlier, where there are few: then
+            # they have the weights that are left of them, and the noise is that of the edges.
+            absolute, gravity = _fits(solution)
+            without = _disbelieved(absolute), _disbelieved(gravity)
+            variance = _noise_variance(solution, noise_variance, without)
+            final = grounded.with_final_prior_weights(absolute, gravity)
             found = _found(solution, rows, variance, graph, final)
     except _core.TooLarge as error:
         raise SolverError(str(error)) from None
@@ -98,30 +104,33 @@ def beyond_half_a_turn(rms: NDArray[np.float64]) -> str:
     )
 
 
-def estimated_noise_variance(solution: Solved) -> float:
+def _fits(solution: Solved) -> Fits:
+    fit = solution.robust
+    return (None, None) if fit is None else (fit.absolute_priors, fit.gravity_priors)
+
+
+def _disbelieved(fit: PriorFit | None) -> PriorFit | None:
+    return fit and replace(fit, is_outlier=np.ones(len(fit.nodes), dtype=bool))
+
+
+def estimated_noise_variance(solution: Solved, fits: Fits | None = None) -> float:
     """Variance per axis, radians^2, of the noise of an edge of weight 1: NaN for a forest.
 
     With anisotropic noise: what the covariances are to be multiplied by.
     The sum of w |2 sin(angle / 2)|^2 over its degrees of freedom, 3 (m - n + components); with a
     robust loss of the edges that are no outliers, and of the parts that they hold together.
+    `fits` tells which absolute priors and which gravity are outliers; by default the solution does.
     """
     trusted = ~solution.is_outlier
+    fits = _fits(solution) if fits is None else fits
     if solution.isotropic is not None and solution.grounded is not None:
-        fit = solution.robust
-        kinds = (None, None) if fit is None else (fit.absolute_priors, fit.gravity_priors)
-        freedom = solution.grounded.degrees_of_freedom(trusted, *kinds)
+        freedom = solution.grounded.degrees_of_freedom(trusted, *fits)
         return solution.objective / freedom if freedom > 0 else float("nan")
     if solution.isotropic is not None:
         freedom = 3 * (int(trusted.sum()) - solution.graph.num_nodes + solution.num_components)
         return solution.objective / freedom if freedom > 0 else float("nan")
     if solution.grounded is not None:
-        robust = solution.robust
-        return solution.grounded.noise_variance(
-            solution.rotations,
-            trusted,
-            None if robust is None else robust.absolute_priors,
-            None if robust is None else robust.gravity_priors,
-        )
+        return solution.grounded.noise_variance(solution.rotations, trusted, *fits)
     parts = solution.num_components if solution.robust is None else solution.robust.num_parts
     freedom = 3 * (int(trusted.sum()) - solution.graph.num_nodes + parts)
     if freedom <= 0:
@@ -152,12 +161,12 @@ def _prior_information(solution: Solved) -> float:
     return precision_of_weight_one(C, solution.graph.weights)
 
 
-def _noise_variance(solution: Solved, given: float | None) -> float:
+def _noise_variance(solution: Solved, given: float | None, fits: Fits) -> float:
     if given is not None:
         if isinstance(given, (int, float, np.number)) and 0 < given < np.inf:
             return float(given)
         raise OptionError(f"noise_variance is {given!r}, expected a positive number or None")
-    estimate = estimated_noise_variance(solution)
+    estimate = estimated_noise_variance(solution, fits)
     if np.isnan(estimate):
         raise SolverError(
             "the graph has no cycles, so that all measurements are met exactly and the noise "

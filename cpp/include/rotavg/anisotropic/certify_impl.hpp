@@ -49,7 +49,7 @@ inline std::vector<Measure> measure_components(const AnisotropicResiduals& resid
   }
   for (const Edge& e : edges) {
     const Index c = components.label[e.i];
-    measures[c].weight += std::min(e.weight, most_of_lightest * lightest[c]);
+    measures[c].weight += counted_weight(e.weight, lightest[c]);
   }
   for (Measure& measure : measures) {
     const double summing = unit_roundoff * measure.num_edges * measure.objective;

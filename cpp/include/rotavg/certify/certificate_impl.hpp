@@ -108,8 +108,7 @@ inline std::vector<Measure> measure_by_edges(const ResidualQuaternions& residual
   for (Measure& measure : measures) measure.weight = 0.0;
   for (Index k = 0; k < m; ++k) {
     const Index c = components.label[graph.quaternion_edges()[k].i];
-    const double most = most_of_lightest * measures[c].lightest;
-    measures[c].weight += std::min(residuals()[k].squaredNorm(), most);
+    measures[c].weight += counted_weight(residuals()[k].squaredNorm(), measures[c].lightest);
   }
   return measures;
 }

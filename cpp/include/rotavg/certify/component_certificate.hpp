@@ -38,8 +38,7 @@ struct ComponentCertificate {
   /// f(R) - f* <= gap.
   double gap = std::numeric_limits<double>::infinity();
   /// gap / max(f, 1e-20 sum w). Below a root mean square residual of 1e-10 rad the criterion is
-  /// absolute: the measurements themselves are rounded. (No edge's w counts for more than 1000
-  /// times the lightest.)
+  /// absolute: the measurements themselves are rounded. (Of the w: counted_weight.)
   double relative_gap = std::numeric_limits<double>::infinity();
   /// The chance that the proof is wrong: zero of all but CertificateMethod::random_start. Of
   /// several components, their sum.
@@ -58,15 +57,23 @@ namespace detail {
 /// to the rounding of measurements and rotations.
 constexpr double objective_floor = 1e-20;
 
-/// No edge counts for more than so many times the lightest (Measure::weight).
-constexpr double most_of_lightest = 1e12;
+/// No edge counts for more than so many times the lightest (Measure::weight), ...
+constexpr double most_of_lightest = 1000.0;
+
+/// ... but for so much of its weight: what rounding alone takes of its part of f(R), which is some
+/// 1e-29 of the weight (objective_rounding), is then within 1e-6 of the floor.
+constexpr double least_that_counts = 0.005;
+
+/// What an edge of this weight counts for in Measure::weight.
+inline double counted_weight(double weight, double lightest) {
+  return std::max(std::min(weight, most_of_lightest * lightest), least_that_counts * weight);
+}
 
 /// What the gap of one component is held against.
 struct Measure {
   double objective = 0.0;  ///< its part of f(R), plus what rounding can have taken away
   double constant = 0.0;   ///< what gravity's edges cost at any R, and is not in the objective
-  /// Sum of w, where no edge counts for more than most_of_lightest: or a few heavy edges would hide
-  /// all that the others say.
+  /// Sum of w as they are counted: or a few heavy edges would hide all that the others say.
   double weight = 0.0;
   double total_weight = 0.0, num_edges = 0.0;
   double lightest = std::numeric_limits<double>::infinity();  ///< if it was looked for

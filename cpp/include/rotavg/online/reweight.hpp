@@ -43,7 +43,7 @@ class OnlineWeights {
 
   /// One round of reweighting. Of the truncated loss the edge that is furthest beyond the scale
   /// goes, alone, for the others may be there because of it; and those come back that the rotations
-  /// of now agree with, and, one at a time, those that nothing checks any more, between components.
+  /// of now agree with, and those between components, as no other edge in use contradicts them.
   /// Others get the weights of their residuals.
   /// @param edges those that are new; receives those at nodes that have moved, or are in another
   ///        component
@@ -63,14 +63,12 @@ class OnlineWeights {
     std::vector<std::pair<Index, double>> parts;
     double worst = 0.0;
     Index furthest = -1;
-    bool joins = false;
     for (const Index k : edges) {
       const OnlineEdge& e = tended_.graph().edge(k);
       const bool hangs = e.weight > 0.0 && !e.in_core;
       if (!e.is_there || e.trusted || !(e.given > 0.0) || hangs) continue;
       if (tended_.core.node(e.i).component != tended_.core.node(e.j).component) {
-        if (!joins && pardoned.insert(k).second) parts.emplace_back(k, 1.0);
-        joins = true;
+        if (pardoned.insert(k).second) parts.emplace_back(k, 1.0);
         continue;
       }
       const double x = squared_chord(k), part = loss_.weight(x);

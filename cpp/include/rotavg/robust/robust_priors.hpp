@@ -57,7 +57,7 @@ class RobustPriors {
   };
 
   double update(Kind& kind, const std::vector<double>& angles, bool rough) const {
-    constexpr double rough_scale = 0.01, outlier_noises = 3.0, half_turn = 3.141592653589793;
+    constexpr double rough_scale = 0.01, outlier_noises = 3.0;
     std::vector<double> x, judged;
     for (std::size_t k = 0; k < angles.size(); ++k) {
       const double chord = 2.0 * std::sin(0.5 * angles[k]);
@@ -66,7 +66,7 @@ class RobustPriors {
     }
     PriorVerdicts& verdicts = kind.verdicts;
     verdicts.noise = noise_scale(judged, static_cast<Index>(x.size()));
-    verdicts.threshold = std::min(outlier_noises * verdicts.noise, half_turn);
+    verdicts.threshold = outlier_noises * verdicts.noise;
     RobustLoss loss = loss_;
     loss.scale = default_scale(loss.kind, 1.0) * verdicts.noise;
     if (rough) loss = {Loss::l1, rough_scale};

@@ -115,6 +115,7 @@ inline double refine_sensors(const MeasurementGraph& graph, const RigLayout& lay
                              const Priors& priors, const RobustSolution& solution,
                              GroundedGraph& images, const IterationOptions& options,
                              RigEstimate& estimate) {
+  const Stopwatch watch;
   Rotations& C = estimate.frame_from_sensor;
   GroundedGraph held(graph, layout.held(graph, priors, C));
   take_weights(solution, images);
@@ -125,14 +126,16 @@ inline double refine_sensors(const MeasurementGraph& graph, const RigLayout& lay
   // Where hardly anything is left over, sensors that are right to the tolerance alone would keep
   // the frames from being proved, which then are to fit to rounding.
   constexpr double exact = 1e-14, to_rounding = 1e-14;
+  constexpr int few = 3;  // steps
   const Rotations R = images.nodes_from(shared.nodes_from(found.variables, found.shared));
   if (found.converged && found.relative_gradient > to_rounding &&
       objective(images, R) <= exact * images.graph().total_weight()) {
     IterationOptions nearer = options;
     nearer.tolerance = to_rounding;
+    nearer.time_limit = std::max(0.0, options.time_limit - watch.seconds());
     const int before = found.iterations;
     found = refine_shared(images.graph(), shared, held.graph(), std::move(found.variables),
-                          std::move(found.shared), nearer);
+                          std::move(found.shared), nearer, few);
     found.converged = found.relative_gradient <= options.tolerance;
     found.iterations += before;
   }

@@ -223,11 +223,12 @@ class SharedMetric {
 /// @param graph of the nodes
 /// @param between the graph of the variables; its topology and weights are the metric
 /// @param Q, C where it starts
+/// @param max_iterations instead of those of the options, which are those of a solve
 inline SharedResult refine_shared(const MeasurementGraph& graph, const SharedRiding& problem,
                                   const MeasurementGraph& between, Rotations Q, Rotations C,
-                                  const IterationOptions& options = {}) {
+                                  const IterationOptions& options = {}, int max_iterations = 100) {
   constexpr double max_flops = 1e10;
-  constexpr int max_iterations = 100, max_cg_steps = 50, max_halvings = 30;
+  constexpr int max_cg_steps = 50, max_halvings = 30;
   constexpr double sufficient = 1e-4;
   const Stopwatch watch;
   const Index V = problem.riding.num_variables, S = problem.num_shared, n = graph.num_nodes();
