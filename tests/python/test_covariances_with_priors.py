@@ -392,5 +392,6 @@ def test_priors_that_contradict_one_another_count_with_what_is_left_of_them() ->
     found = solution.covariances(noise_variance=1e-3)
     expected = same.covariances(noise_variance=1e-3)
     np.testing.assert_allclose(found, expected, atol=0.1 * expected.max())
-    # The noise is that of the edges, 0.02, and not the contradiction.
-    assert 0.1 < solution.covariances().max() / found.max() / (1e3 * 0.02**2) < 10
+    chords = 2 * np.sin(solution.residual_angles / 2)
+    variance = float(chords @ chords) / (3 * (7 - 6 + 1))  # of the edges
+    np.testing.assert_allclose(solution.covariances(), found * (variance / 1e-3), rtol=1e-6)
