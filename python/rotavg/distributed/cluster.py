@@ -115,5 +115,5 @@ def told_plainly() -> Iterator[None]:
 
 def _without_workers(distributed: Any) -> tuple[type[Any], ...]:
     """What tasks fail with where all workers are gone; schedulers wait as they are configured."""
-    error = getattr(distributed.scheduler, "NoWorkerError", None)  # since Dask 2024.9
+    error = getattr(distributed.scheduler, "NoWorkerError", None)  # of newer ones
     return () if error is None else (error,)

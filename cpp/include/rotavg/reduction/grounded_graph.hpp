@@ -179,8 +179,7 @@ class GroundedGraph {
       if (edges_between_variables(given, frames_).empty()) {
         throw std::invalid_argument(
             "all edges are between cameras of one frame: none says how two frames lie to one "
-            "another "
-            "(for the sensors alone, average the graph whose nodes they are)");
+            "another (for the sensors alone, average the graph whose nodes they are)");
       }
       return ReducedGraph(given, frames_);
     }
