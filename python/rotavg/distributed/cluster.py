@@ -65,7 +65,8 @@ def _keep_filled(local: Any) -> None:
     ended: dict[Any, float] = {}  # since when, by the one who started the process
 
     def fill() -> None:
-        if local.status != status.running:
+        if local.status != status.running:  # it is closed
+            periodic.stop()
             return
         for name, nanny in list(local.workers.items()):
             if nanny.status not in (status.closed, status.failed):

@@ -21,16 +21,8 @@ class Weighed(Protocol):
     """What a robust loss made of priors of one kind."""
 
     @property
-    def believed_weights(self) -> NDArray[np.float64]:
-        """(k,) in the order of the nodes of the graph."""
-
-    @property
-    def weights(self) -> NDArray[np.float64]:
-        """(k,) in the same order: what the loss has left of those given."""
-
-    @property
     def is_outlier(self) -> NDArray[np.bool_]:
-        """(k,) in the same order."""
+        """(k,) in the order of the nodes of the graph."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,32 +48,19 @@ class Grounded:
         """The problem with other weights (m,) of the measurements."""
         return self.core.with_weights(np.ascontiguousarray(weights))
 
-    def with_prior_weights(self, absolute: Weighed | None, gravity: Weighed | None) -> Grounded:
-        """The same problem, in which outliers among the priors have no weight to speak of."""
-        if absolute is None and gravity is None:
-            return self
-        none = np.empty(0)
-        return self._with_weights_of_priors(
-            none if absolute is None else absolute.believed_weights,
-            none if gravity is None else gravity.believed_weights,
-        )
-
-    def with_final_prior_weights(
-        self, absolute: Weighed | None, gravity: Weighed | None
+    def with_prior_weights(
+        self, absolute: NDArray[np.float64] | None, gravity: NDArray[np.float64] | None
     ) -> Grounded:
-        """The same problem with the weights that the loss has left of its priors."""
+        """The same problem with other weights of its priors, in the order of the nodes.
+
+        None leaves those of a kind as they are.
+        """
         if absolute is None and gravity is None:
             return self
         none = np.empty(0)
-        return self._with_weights_of_priors(
-            none if absolute is None else absolute.weights,
-            none if gravity is None else gravity.weights,
-        )
-
-    def _with_weights_of_priors(self, *weights: NDArray[np.float64]) -> Grounded:
-        absolute, gravity = weights
-        core = self.core.with_prior_weights(absolute, gravity)
-        return replace(self, core=core, prior_weights=(absolute, gravity))
+        weights = (none if absolute is None else absolute, none if gravity is None else gravity)
+        core = self.core.with_prior_weights(*weights)
+        return replace(self, core=core, prior_weights=weights)
 
     def noise_variance(
         self,
@@ -240,7 +219,7 @@ def _restored(
 ) -> Grounded:
     grounded = ground(graph, priors)
     assert grounded is not None
-    return grounded if weights is None else grounded._with_weights_of_priors(*weights)
+    return grounded if weights is None else grounded.with_prior_weights(*weights)
 
 
 @dataclass(frozen=True)

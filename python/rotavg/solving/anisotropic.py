@@ -78,10 +78,7 @@ def with_final_weights(solution: Solution) -> _core.GroundedGraph | None:
     if grounded is None or robust is None:
         return None if grounded is None else grounded.core
     fits = robust.absolute_priors, robust.gravity_priors
-    if fits == (None, None):
-        return grounded.core
-    none = np.empty(0)
-    return grounded.core.with_prior_weights(*(none if f is None else f.weights for f in fits))
+    return grounded.with_prior_weights(*(None if f is None else f.weights for f in fits)).core
 
 
 def with_covariances(solution: Solution, settings: dict[str, Any]) -> tuple[Solution, bool]:

@@ -89,8 +89,10 @@ class Problem:
             robust = RobustFit.from_core(core["robust"], self.graph)
             if self.priors is not None and grounded is not None:
                 robust = robust.with_priors(self.graph, self.priors)
-                of_priors = robust.absolute_priors, robust.gravity_priors
-                grounded = grounded.with_prior_weights(*of_priors)
+                fits = robust.absolute_priors, robust.gravity_priors
+                grounded = grounded.with_prior_weights(
+                    *(None if f is None else f.believed_weights for f in fits)
+                )
         return Solution(
             graph=self.graph,
             rotations=read_only(core["rotations"]),

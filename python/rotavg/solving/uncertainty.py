@@ -44,10 +44,10 @@ def covariances(
         if found is None and robust is not None and grounded is not None:
             # Priors may contradict one another and none be an outlier, where there are few: then
             # they have the weights that are left of them, and the noise is that of the edges.
-            absolute, gravity = _fits(solution)
+            absolute, gravity = fits = _fits(solution)
             without = _disbelieved(absolute), _disbelieved(gravity)
             variance = _noise_variance(solution, noise_variance, without)
-            final = grounded.with_final_prior_weights(absolute, gravity)
+            final = grounded.with_prior_weights(*(None if f is None else f.weights for f in fits))
             found = _found(solution, rows, variance, graph, final)
     except _core.TooLarge as error:
         raise SolverError(str(error)) from None
