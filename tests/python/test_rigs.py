@@ -45,7 +45,7 @@ class Scene:
         return float(np.degrees(rotavg.compare(solution, self.truth).rms))
 
 
-def sensors_off(solution: rotavg.Solution, C: dict[str, Array]) -> float:
+def sensors_off(solution: rotavg.Solution, C: dict[Any, Array]) -> float:
     assert solution.rigs is not None
     found = solution.rigs.rotation_of
     return max(float(np.linalg.norm(found[s] - C[s])) for s in C)
@@ -182,10 +182,62 @@ def test_with_gravity_sensors_and_frames_converge() -> None:
         solution = rotavg.solve(graph, priors=rotavg.Priors(rigs=rigs, gravity=gravity))
         assert solution.rigs is not None
         assert solution.rigs.converged, (seed, solution.rigs.relative_gradient)
+        assert solution.rigs.iterations <= 10, seed  # Newton's, of second order
         assert "have not converged" not in solution.rigs.sentence
         joint = replace(solution.rigs, converged=False, lower_bound=0.0, rig_objective=1e-9)
         assert "sensors and frames have not converged (relative gradient" in joint.sentence
         assert "could lower the objective of the rigs is not known" in joint.sentence
+
+
+def test_with_much_noise_and_weights_far_apart_sensors_and_frames_converge() -> None:
+    for seed in (99, 105, 189, 199, *range(3000, 3030)):
+        rng = np.random.default_rng(seed)
+        frames, sensors = rng.integers(2, 9), rng.integers(2, 6)
+        turns = matrices_from_rotvecs(2 * rng.normal(size=(frames, 3)))
+        C = matrices_from_rotvecs(rng.normal(size=(sensors, 3)))
+        C[0] = np.eye(3)
+        n = int(frames * sensors)
+        truth = np.array([turns[k // sensors] @ C[k % sensors] for k in range(n)])
+        i = rng.integers(0, n, 2 * n)
+        j = (i + 1 + rng.integers(0, n - 1, 2 * n)) % n
+        noise = matrices_from_rotvecs(0.5 * rng.normal(size=(2 * n, 3)))
+        R = np.swapaxes(truth[i], 1, 2) @ truth[j] @ noise
+        weights = np.exp(2 * rng.normal(size=2 * n))
+        graph = rotavg.MeasurementGraph(np.stack([i, j], axis=1), R, weights, nodes=np.arange(n))
+        rigs = rotavg.Rigs({k: (k // sensors, k % sensors) for k in range(n)}, {0: np.eye(3)})
+        gravity = {k: (truth[k].T @ [0, 1, 0], 10.0 ** rng.integers(-2, 3)) for k in range(0, n, 2)}
+        solution = rotavg.solve(graph, priors=rotavg.Priors(rigs=rigs, gravity=gravity))
+        assert solution.rigs is not None
+        assert solution.rigs.converged, (seed, solution.rigs.relative_gradient)
+
+
+@pytest.mark.parametrize("with_gravity", [False, True])
+def test_sensors_that_never_see_the_same_are_found_among_few_frames(with_gravity: bool) -> None:
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        frames, sensors = int(rng.integers(4, 9)), int(rng.integers(2, 5))
+        turns = matrices_from_rotvecs(2 * rng.normal(size=(frames, 3)))
+        C = matrices_from_rotvecs(rng.normal(size=(sensors, 3)))
+        C[0] = np.eye(3)
+        truth = np.array([turns[k // sensors] @ C[k % sensors] for k in range(frames * sensors)])
+        pairs = [
+            (sensors * f + s, sensors * g + s)
+            for s in range(sensors)
+            for f in range(frames)
+            for g in range(f + 1, frames)
+            if g == f + 1 or rng.random() < 0.3
+        ]
+        i, j = np.array(pairs).T
+        graph = rotavg.MeasurementGraph(pairs, np.swapaxes(truth[i], 1, 2) @ truth[j])
+        rigs = rotavg.Rigs(
+            {k: (k // sensors, k % sensors) for k in range(len(truth))}, {0: np.eye(3)}
+        )
+        down = {k: (truth[k].T @ [0, 1, 0], 1.0) for k in range(0, len(truth), 2)}
+        priors = rotavg.Priors(rigs=rigs, gravity=down if with_gravity else {})
+        solution = rotavg.solve(graph, priors=priors)
+        assert solution.objective < 1e-12, seed
+        assert solution.verdict == "proved"
+        assert sensors_off(solution, dict(enumerate(C))) < 1e-6, seed
 
 
 @pytest.mark.parametrize("with_gravity", [False, True])

@@ -46,8 +46,8 @@ struct RigEstimate {
 /// 2. C_s is the median of what the frames say (sensors_from_images).
 /// 3. From there frames and sensors descend together (refine_shared), again and again with the
 ///    robust weights that they make, until C rests. (Where only rigs join parts of the graph, the
-///    frames are solved for with C held first.) C ends at a stationary point, which need not be the
-///    global optimum.
+///    frames are solved for with C held first, from random C, too, where the frames are few.) C
+///    ends at a stationary point, which need not be the global optimum.
 ///
 /// @param priors what else is known; its rigs do not count
 /// @param options its callback is not called

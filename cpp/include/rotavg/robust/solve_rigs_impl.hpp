@@ -3,17 +3,20 @@
 #include <algorithm>
 #include <cstddef>
 #include <optional>
+#include <random>
 #include <utility>
 #include <vector>
 
 #include <rotavg/compiled.hpp>
 #include <rotavg/init/rig_start.hpp>
+#include <rotavg/problem/objective.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/reduction/rig_layout.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/solve_rigs.hpp>
 #include <rotavg/robust/solve_robust_with_priors_impl.hpp>
 #include <rotavg/so3/lie.hpp>
+#include <rotavg/so3/random.hpp>
 #include <rotavg/solve/shared_rotations.hpp>
 #include <rotavg/solve/solve_with_priors_impl.hpp>
 #include <rotavg/solve/stopwatch.hpp>
@@ -66,6 +69,19 @@ inline std::vector<double> reweighed(const MeasurementGraph& given, const Robust
     weights[k] = std::max(min_weight, std::max(least_weight_share, share) * e.weight);
   }
   return weights;
+}
+
+/// Labels (n,) of the parts of the images that say something of one another: those that gravity
+/// alone holds have each a heading of their own.
+inline std::vector<Index> parts_of_images(const GroundedGraph& images,
+                                          const Components& components) {
+  std::vector<Index> label = components.label;
+  const auto parts = static_cast<Index>(components.nodes.size());
+  for (std::size_t i = 0; i < label.size(); ++i) {
+    const Index heading = images.free_heading()[images.riding().variable[i]];
+    if (heading >= 0) label[i] = parts + heading;
+  }
+  return label;
 }
 
 /// The rotations of all nodes where the frames are the medians of what their images say.
@@ -153,6 +169,49 @@ inline double refine_sensors(const MeasurementGraph& graph, const RigLayout& lay
   return change;
 }
 
+/// Where only the rigs join parts of the graph, where frames and sensors begin decides where they
+/// end: from the sensors of the estimate and from random ones, until the least objective was met
+/// five times, or is so near to that of the images alone that no start can gain much.
+/// @param solution of the images alone, whose weights count
+/// @param images as refine_sensors()
+/// @param left returns the options of what time is left
+template <typename Options>
+void start_across_parts(const MeasurementGraph& graph, const RigLayout& layout,
+                        const Priors& priors, const RobustSolution& solution, GroundedGraph& images,
+                        Options&& left, RigEstimate& estimate) {
+  // Many frames tell by how they turn, and cost more.
+  const int max_starts = static_cast<int>(std::clamp<Index>(300 / layout.num_frames(), 1, 50));
+  constexpr int enough = 5;
+  constexpr double same = 1e-6, exact = 1e-14, near = 1.5;
+  const double alone = objective(images, solution.rotations);
+  std::mt19937_64 generator(0x5eed);
+  const RigEstimate given = estimate;
+  double least = 0.0;
+  for (int k = 0, met = 0; k < max_starts && met < enough; ++k) {
+    RigEstimate tried = given;
+    for (std::size_t s = 0; s < tried.frame_from_sensor.size() && k > 0; ++s) {
+      if (!layout.is_estimated(static_cast<Index>(s))) continue;
+      tried.frame_from_sensor[s] = random_rotation(generator);
+    }
+    GroundedGraph held(graph, layout.held(graph, priors, tried.frame_from_sensor));
+    take_weights(solution, held);
+    SolveOptions rough = left();
+    rough.iteration.tolerance = std::max(rough.iteration.tolerance, 1e-3);
+    tried.rotations = solve(held, rough).rotations;
+    refine_sensors(graph, layout, priors, solution, images, left().iteration, tried);
+    const double f = objective(images, tried.rotations);
+    const double none = exact * images.graph().total_weight();
+    if (k == 0 || f < (1.0 - same) * least - none) {
+      estimate = std::move(tried);
+      least = f;
+      met = 1;
+    } else if (f <= (1.0 + same) * least + none) {
+      ++met;
+    }
+    if (least <= near * alone + none || left().iteration.time_limit <= 0.0) break;
+  }
+}
+
 }  // namespace detail
 
 ROTAVG_INLINE RigEstimate estimate_rigs(const MeasurementGraph& graph, const Rigs& rigs,
@@ -193,16 +252,19 @@ ROTAVG_INLINE RigEstimate estimate_rigs(const MeasurementGraph& graph, const Rig
   Rotations& C = estimate.frame_from_sensor;
   GroundedGraph images(graph, layout.without_estimated(graph, priors));
   RobustSolution solution = detail::solve_either(images, left(), robust, std::move(start));
-  C = sensors_from_images(layout, solution.rotations, solution.components.label);
+  const std::vector<Index> label = detail::parts_of_images(images, solution.components);
+  C = sensors_from_images(layout, solution.rotations, label);
 
   // 3.
-  const std::vector<Index>& label = solution.components.label;
-  if (std::all_of(label.begin(), label.end(), [](Index c) { return c == 0; })) {
+  if (std::all_of(label.begin(), label.end(), [&](Index c) { return c == label.front(); })) {
     estimate.rotations = detail::frames_from_images(layout, C, std::move(solution.rotations));
   } else {  // only the rigs hold the parts together
-    const GroundedGraph held(graph, layout.held(graph, priors, C));
-    solution = detail::solve_either(held, left(), robust);
-    estimate.rotations = std::move(solution.rotations);
+    detail::start_across_parts(graph, layout, priors, solution, images, left, estimate);
+    if (robust) {
+      const GroundedGraph held(graph, layout.held(graph, priors, C));
+      solution = detail::solve_either(held, left(), robust);
+      estimate.rotations = std::move(solution.rotations);
+    }
   }
   for (int round = 0; round < max_rounds; ++round) {
     IterationOptions iteration = left().iteration;

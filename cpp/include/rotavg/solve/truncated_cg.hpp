@@ -6,7 +6,8 @@ namespace rotavg {
 
 /// An approximate solution w of H w = -g by conjugate gradients (Steihaug 1983, without a radius).
 /// It stops at |r|_P <= forcing |g|_P, and where the curvature is not positive: there with what it
-/// has, or in the first step with the preconditioned descent direction.
+/// has, or in the first step with the preconditioned gradient. This it is, too, where rounding has
+/// taken from the directions that they are conjugate, so that w descends less than it should.
 ///
 /// @tparam Vectors a dense matrix
 template <typename Vectors>
@@ -24,11 +25,16 @@ class TruncatedCg {
     flat_combine(0.0, p_, -1.0, z_, num_threads);
     double rz = flat_dot(r_, z_, num_threads);
     const double enough = forcing * forcing * rz;
+    double slope = 0.0;  // g^T w, by what the steps promise
     for (int k = 0; k < max_steps; ++k) {
       apply_hessian(p_, Hp_);
       const double curvature = flat_dot(p_, Hp_, num_threads);
-      if (!(curvature > 0.0)) return k == 0 ? p_ : w_;
+      if (!(curvature > 0.0)) {
+        if (k == 0) return p_;
+        break;
+      }
       const double alpha = rz / curvature;
+      slope -= alpha * rz;
       flat_combine(1.0, w_, alpha, p_, num_threads);
       flat_combine(1.0, r_, alpha, Hp_, num_threads);
       precondition(r_, z_);
@@ -37,7 +43,10 @@ class TruncatedCg {
       flat_combine(rz_next / rz, p_, -1.0, z_, num_threads);
       rz = rz_next;
     }
-    return w_;
+    if (flat_dot(g, w_, num_threads) <= 0.5 * slope) return w_;
+    precondition(g, z_);
+    flat_combine(0.0, p_, -1.0, z_, num_threads);
+    return p_;
   }
 
  private:
