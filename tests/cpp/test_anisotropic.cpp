@@ -14,10 +14,11 @@
 #include <rotavg/anisotropic/hessian.hpp>
 #include <rotavg/anisotropic/residuals.hpp>
 #include <rotavg/anisotropic/solve.hpp>
-#include <rotavg/anisotropic/symmetric_eigen.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
+#include <rotavg/linalg/symmetric_eigen.hpp>
 #include <rotavg/so3/lie.hpp>
+#include <rotavg/solve/anisotropic.hpp>
 #include <rotavg/solve/solve.hpp>
 
 #include "support/anisotropic.hpp"
@@ -227,4 +228,32 @@ TEST_CASE("what is no precision is refused by its edge") {
     }
   }
   CHECK_THROWS_AS(AnisotropicGraph(graph, {I}), std::invalid_argument);
+  CHECK_THROWS_AS(AnisotropicGraph(graph, {I, I}, {{2, Vector3::UnitY()}}), std::invalid_argument);
+  const Rotations R(3, Matrix3::Identity());
+  CHECK_THROWS_AS(refine_anisotropic(graph, {I, nan}, R), InvalidEdge);
+  CHECK_THROWS_AS(refine_anisotropic(graph, {I, -I}, R), InvalidEdge);
+  CHECK_THROWS_AS(refine_anisotropic(graph, {I}, R), std::invalid_argument);
+  CHECK_THROWS_AS(refine_anisotropic(graph, {I, I}, {I, I, 7.0 * I}), InvalidRotation);
+  CHECK_THROWS_AS(refine_anisotropic(graph, {I, I}, {I, nan, I}), InvalidRotation);
+  CHECK_THROWS_WITH_AS(AnisotropicGraph(graph, {I, 1e308 * I}),
+                       "edge 1: the precision holds an entry of 1e+308; expected at most 1e+100",
+                       InvalidEdge);
+}
+
+TEST_CASE("of precisions that are singular nothing is NaN, and no objective is negative") {
+  Random random;
+  INFO(random.replay());
+  for (int k = 0; k < 200; ++k) {
+    const test::Pairs pairs = test::random_connected(random, 6, 6);
+    std::vector<Matrix3> precisions;
+    for (std::size_t e = 0; e < pairs.size(); ++e) {
+      precisions.push_back(test::with_eigenvalues(random, {0.0, 0.0, 100.0}));
+    }
+    const AnisotropicGraph graph(test::simulate_graph(random, pairs, k % 2 ? 0.0 : 1e-9),
+                                 precisions);
+    const Solution solution = solve(graph);
+    CHECK(solution.objective >= 0.0);
+    CHECK(!std::isnan(solution.certificate.gap));
+    CHECK(!std::isnan(solution.certificate.relative_gap));
+  }
 }

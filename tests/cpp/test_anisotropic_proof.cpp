@@ -13,10 +13,10 @@
 #include <rotavg/anisotropic/residuals.hpp>
 #include <rotavg/anisotropic/solve.hpp>
 #include <rotavg/anisotropic/split.hpp>
-#include <rotavg/anisotropic/symmetric_eigen.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/linalg/lobpcg.hpp>
+#include <rotavg/linalg/symmetric_eigen.hpp>
 #include <rotavg/so3/lie.hpp>
 
 #include "support/anisotropic.hpp"

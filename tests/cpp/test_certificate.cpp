@@ -134,6 +134,21 @@ TEST_CASE("one wrong component spoils the certificate of all; a node without edg
   }
 }
 
+TEST_CASE("however heavy one edge is, it hides nothing that the others say") {
+  Random random;
+  INFO(random.replay());
+  auto measurements = test::simulate(random, test::complete(6), 0.1);
+  for (const double ratio : {1e12, 1e18, 1e24, 1e30, 1e90}) {
+    CAPTURE(ratio);
+    measurements[0].weight = ratio;
+    const MeasurementGraph graph(measurements);
+    Rotations R = shortest_path_init(graph);  // along the heavy edge
+    CHECK(certify(graph, R).verdict != Verdict::proved);
+    R[5] = exp_so3({1.5, 0.0, 0.0}) * R[5];
+    CHECK(certify(graph, R).verdict != Verdict::proved);
+  }
+}
+
 TEST_CASE("a common turn of a whole component changes nothing that is certified") {
   Random random;
   INFO(random.replay());

@@ -1,5 +1,7 @@
+#include <cmath>
 #include <filesystem>
 #include <iterator>
+#include <limits>
 #include <stdexcept>
 #include <vector>
 
@@ -14,6 +16,7 @@
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
+#include <rotavg/reduction/prior_objective.hpp>
 #include <rotavg/rotavg.hpp>
 
 #include "support/graphs.hpp"
@@ -176,6 +179,49 @@ TEST_CASE("a saddle has no covariance, and pairs of two components none either")
   stop.keep_going = [] { return false; };
   CHECK(covariances(cycle, Rotations(5, Matrix3::Identity()), {{0, 1}}, stop).status ==
         CovarianceStatus::stopped);
+}
+
+TEST_CASE("what cannot have covariances is refused") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph graph =
+      test::simulate_graph(random, test::random_connected(random, 8, 12), 0.05);
+  const Rotations R = solve(graph).rotations;
+  const GroundedGraph problem(graph, [&] {
+    Priors priors;
+    priors.absolute.push_back({3, R[3], 1.0});
+    return priors;
+  }());
+  for (const NodePair& pair : {NodePair{0, 1000000}, NodePair{-1, 3}, NodePair{0, 8}}) {
+    CHECK_THROWS_AS(covariances(graph, R, {pair}), std::invalid_argument);
+    CHECK_THROWS_AS(covariances(problem, R, {pair}), std::invalid_argument);
+  }
+  for (const Rotations& few : {Rotations(), Rotations(2, Matrix3::Identity())}) {
+    CHECK_THROWS_AS(covariances(graph, few, {{0, 1}}), std::invalid_argument);
+    CHECK_THROWS_AS(covariances(problem, few, {{0, 1}}), std::invalid_argument);
+    CHECK_THROWS_AS(marginal_covariances(problem, few), std::invalid_argument);
+    CHECK_THROWS_AS(objective(problem, few), std::invalid_argument);
+  }
+  Rotations scaled = R;
+  scaled[0] *= 3.0;
+  CHECK_THROWS_AS(covariances(graph, scaled, {{0, 1}}), InvalidRotation);
+  CHECK_THROWS_AS(marginal_covariances(problem, scaled), InvalidRotation);
+  for (const double variance : {std::nan(""), -1.0, std::numeric_limits<double>::infinity()}) {
+    CovarianceOptions options;
+    options.noise_variance = variance;
+    CHECK_THROWS_AS(covariances(graph, R, {{0, 1}}, options), std::invalid_argument);
+    CHECK_THROWS_AS(marginal_covariances(problem, R, options), std::invalid_argument);
+  }
+  CovarianceOptions options;
+  options.information.assign(graph.edges().size() - 1, Matrix3::Identity());
+  CHECK_THROWS_AS(covariances(graph, R, {{0, 1}}, options), std::invalid_argument);
+  CHECK_THROWS_AS(covariances(problem, R, {{0, 1}}, options), std::invalid_argument);
+  options.information.push_back(-Matrix3::Identity());
+  CHECK_THROWS_AS(covariances(graph, R, {{0, 1}}, options), InvalidEdge);
+  CHECK_THROWS_AS(covariances(problem, R, {{0, 1}}, options), InvalidEdge);
+  options.information.clear();
+  options.turn_of.assign(8, 0);
+  CHECK_THROWS_AS(covariances(graph, R, {{0, 1}}, options), std::invalid_argument);
 }
 
 TEST_CASE("marginal covariances with priors are those of heavy absolute priors in the limit") {

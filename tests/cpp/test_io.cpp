@@ -101,6 +101,11 @@ TEST_CASE("names come back, in rising order, and CSV holds any") {
   CHECK_FALSE(file.ids.find("right").has_value());
   CHECK_THROWS_AS(file.ids.name(3), std::out_of_range);
   CHECK_THROWS_AS(io::to_text(graph, ids), std::invalid_argument);
+  io::NodeIds divided;
+  const MeasurementGraph pair({{divided.add("a"), divided.add("b;c")}});
+  CHECK_THROWS_AS(io::to_text(pair, divided), std::invalid_argument);
+  std::istringstream quoted(io::to_csv(pair, divided));
+  CHECK(io::read_csv(quoted).ids.find("b;c").has_value());
   CHECK(io::NodeIds().find("-12") == -12);
   CHECK_FALSE(io::NodeIds().find("012").has_value());
   CHECK(io::NodeIds().name(5) == "5");

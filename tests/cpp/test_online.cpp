@@ -174,6 +174,25 @@ TEST_CASE("a long loop that closes with a large error") {
   check_against_solve(online);
 }
 
+TEST_CASE("however heavy one edge is, it hides nothing that the others say") {
+  Random random;
+  INFO(random.replay());
+  const auto measurements = test::simulate(random, test::random_connected(random, 8, 12), 0.1);
+  const double f = solve(MeasurementGraph(measurements)).objective;
+  for (const double ratio : {1e6, 1e12, 1e20, 1e30, 1e90}) {
+    CAPTURE(ratio);
+    Online online;
+    online.add(measurements);
+    // Met exactly, but for rounding.
+    online.add(
+        {{0, 100, exp_so3({0.0, 0.0, 0.3}), ratio}, {0, 100, exp_so3({0.0, 0.0, 0.3}), ratio}});
+    online.set_weights({0}, {2.0});
+    online.set_weights({0}, {1.0});
+    if (online.state().verdict == Verdict::proved) CHECK(online.state().gap <= 1e-5 * f);
+    if (ratio < 1e7) CHECK(online.state().verdict == Verdict::proved);
+  }
+}
+
 TEST_CASE("nodes without edges, and components that meet") {
   Random random;
   INFO(random.replay());

@@ -132,6 +132,23 @@ TEST_CASE("the child of a fork has threads of its own") {
 }
 #endif
 
+TEST_CASE("what a thread destroys may still be parallel, when its team is gone") {
+  struct Last {
+    double* sum = nullptr;
+    ~Last() {
+      *sum = rotavg::block_sum<double>(100000, 4, [](Index k) { return 1.0 / (1.0 + k); });
+    }
+  };
+  const auto term = [](Index k) { return 1.0 / (1.0 + k); };
+  double sum = 0.0;
+  std::thread([&] {
+    thread_local Last last;  // before the team, so destroyed after it
+    last.sum = &sum;
+    CHECK(rotavg::block_sum<double>(100000, 4, term) > 0.0);
+  }).join();
+  CHECK(sum == rotavg::block_sum<double>(100000, 4, term));
+}
+
 TEST_CASE("an interruption asks only on its own thread, and stops for all") {
   int asked = 0;
   const std::function<bool()> no = [&] { return ++asked < 1; };

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include <doctest/doctest.h>
@@ -319,8 +320,14 @@ TEST_CASE("limits and callbacks stop a robust solution, and it says so") {
   CHECK(calls == 9);
 
   RobustOptions robust;
-  robust.scale = -1.0;
-  CHECK_THROWS_AS(solve_robust(problem.graph, {}, robust), std::invalid_argument);
-  robust.scale = std::nan("");
-  CHECK_THROWS_AS(solve_robust(problem.graph, {}, robust), std::invalid_argument);
+  const double infinity = std::numeric_limits<double>::infinity();
+  for (const double bad : {-1.0, std::nan(""), infinity, 5.0, 1e300, 1e-300}) {
+    robust.scale = bad;
+    CHECK_THROWS_AS(solve_robust(problem.graph, {}, robust), std::invalid_argument);
+  }
+  robust.scale = 0.0;
+  for (const double bad : {-1.0, std::nan(""), 4.0}) {
+    robust.cycle_threshold = bad;
+    CHECK_THROWS_AS(solve_robust(problem.graph, {}, robust), std::invalid_argument);
+  }
 }

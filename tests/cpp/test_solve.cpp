@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <functional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -106,6 +107,94 @@ TEST_CASE("a run that a callback stops is certified, an interrupted one is not")
   SolveOptions uncertified;
   uncertified.certify = false;
   CHECK(solve(graph, uncertified).certificate.verdict == Verdict::not_run);
+}
+
+TEST_CASE("numbers out of range are refused by whatever solves or certifies") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph graph = simulate_graph(random, test::complete(6), 0.2);
+  const AnisotropicGraph anisotropic(graph, std::vector<Matrix3>(15, Matrix3::Identity()));
+  const Rotations R = solve(graph).rotations;
+  Priors priors;
+  priors.absolute.push_back({2, R[2], 1.0});
+  const auto refused = [&](const SolveOptions& options) {
+    CHECK_THROWS_AS(solve(graph, options), std::invalid_argument);
+    CHECK_THROWS_AS(solve(graph, priors, options), std::invalid_argument);
+    CHECK_THROWS_AS(solve(GroundedGraph(graph, priors), options, R, true), std::invalid_argument);
+    CHECK_THROWS_AS(solve(anisotropic, options), std::invalid_argument);
+    CHECK_THROWS_AS(solve_robust(graph, options), std::invalid_argument);
+    CHECK_THROWS_AS(solve_robust(graph, priors, options), std::invalid_argument);
+    CHECK_THROWS_AS(solve_rigs(graph, {}, {}, options), std::invalid_argument);
+  };
+  const double nan = std::nan("");
+  for (const double bad : {-1.0, nan}) {
+    SolveOptions options;
+    options.iteration.time_limit = bad;
+    refused(options);
+    options = {};
+    options.iteration.tolerance = bad;
+    refused(options);
+    options = {};
+    options.certificate.tolerance = bad;
+    refused(options);
+    CHECK_THROWS_AS(certify(graph, R, options.certificate), std::invalid_argument);
+    CHECK_THROWS_AS(certify(anisotropic, R, options.certificate), std::invalid_argument);
+  }
+  for (const double bad : {-1.0, 1.0, 2.0, nan}) {
+    SolveOptions options;
+    options.certificate.failure_probability = bad;
+    refused(options);
+    CHECK_THROWS_AS(certify(graph, R, options.certificate), std::invalid_argument);
+  }
+  SolveOptions options;
+  options.iteration.max_iterations = -1;
+  refused(options);
+}
+
+TEST_CASE("once a callback has returned false it is not called again, whatever is solved") {
+  Random random;
+  INFO(random.replay());
+  const auto pairs = test::random_connected(random, 20, 60);
+  const MeasurementGraph graph = simulate_graph(random, pairs, 0.3);
+  std::vector<Matrix3> precisions;
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    precisions.push_back(Vector3(1.0, 1.0, 40.0).asDiagonal());
+  }
+  const AnisotropicGraph anisotropic(graph, precisions);
+  Priors priors;
+  Rigs rigs;
+  for (NodeId node = 0; node < 20; ++node) {
+    priors.gravity.push_back({node, random.direction(), 1.0});
+    rigs.images.push_back({node, node / 2, node % 2});
+  }
+  using Call = std::function<Solution(const SolveOptions&)>;
+  const std::vector<Call> calls = {
+      [&](const SolveOptions& o) { return solve(graph, o); },
+      [&](const SolveOptions& o) { return solve(graph, priors, o); },
+      [&](const SolveOptions& o) { return solve(anisotropic, o); },
+      [&](const SolveOptions& o) { return Solution(solve_robust(graph, o)); },
+      [&](const SolveOptions& o) { return Solution(solve_robust(graph, priors, o)); },
+      [&](const SolveOptions& o) {
+        return Solution(solve_rigs(graph, rigs, {}, o, RobustOptions()));
+      },
+  };
+  for (std::size_t which = 0; which < calls.size(); ++which) {
+    CAPTURE(which);
+    int told = 0;
+    SolveOptions options;
+    options.iteration.callback = [&](const Progress&) { return ++told > 0; };
+    calls[which](options);
+    const int all = told;
+    for (int stop = 1; stop < all; stop += 1 + all / 40) {
+      CAPTURE(stop);
+      told = 0;
+      options.iteration.callback = [&](const Progress&) { return ++told != stop; };
+      const Solution solution = calls[which](options);
+      CHECK(told == stop);
+      const bool proved = solution.certificate.verdict == Verdict::proved;
+      if (!proved) CHECK(solution.status == Status::stopped);
+    }
+  }
 }
 
 TEST_CASE("a callback that returns false ends all runs, and counts through all of them") {

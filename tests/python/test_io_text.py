@@ -92,9 +92,9 @@ def test_solution(tmp_path: Path, suffix: str, separator: str) -> None:
 
 
 def test_names_that_would_not_come_back(tmp_path: Path) -> None:
-    for name in ("two words", "a,b", "a#b", "line\nend"):
+    for name in ("two words", "a,b", "a;b", "a#b", "line\nend"):
         graph = MeasurementGraph([[name, "x"]], [np.eye(3)])
-        with pytest.raises(FormatError, match="expected no blank, comma or #"):
+        with pytest.raises(FormatError, match="expected no blank, comma, semicolon or #"):
             write(tmp_path / "names.txt", graph)
     assert list(tmp_path.iterdir()) == []
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,6 +59,38 @@ def test_a_callback_sees_every_iteration_and_can_stop() -> None:
     assert solution.certificate is not None  # what is left to gain is known all the same
     assert [p.objective for p in seen] == solution.trace.objective.tolist()
     assert "iteration=5" in repr(seen[-1])
+
+
+def test_once_a_callback_has_said_no_it_is_not_called_again() -> None:
+    graph = rotavg.simulate("erdos_renyi", 30, density=0.3, noise=0.1, outliers=0.2, seed=1).graph
+    covariances = np.tile(np.diag([1e-4, 1e-4, 25e-4]), (graph.num_edges, 1, 1))
+    full = rotavg.MeasurementGraph(graph.edges, graph.rotations, covariances=covariances)
+    priors = rotavg.Priors(gravity={node: ([0.0, 1.0, 0.0], 1.0) for node in range(0, 30, 3)})
+    calls: list[tuple[rotavg.MeasurementGraph, dict[str, Any]]] = [
+        (graph, {}),
+        (graph, {"priors": priors}),
+        (graph, {"loss": "auto", "priors": priors}),
+        (full, {"anisotropic": True}),
+        (full, {"anisotropic": "log"}),
+        (full, {"anisotropic": "log", "loss": "auto", "priors": priors}),
+    ]
+
+    def calls_until(stop: int, given: rotavg.MeasurementGraph, options: dict[str, Any]) -> int:
+        told: list[int] = []
+
+        def callback(progress: rotavg.Progress) -> bool:
+            told.append(progress.iteration)
+            return len(told) != stop
+
+        solution = rotavg.solve(given, callback=callback, **options)
+        if len(told) >= stop and solution.verdict != "proved":
+            assert solution.status is rotavg.Status.STOPPED
+        return len(told)
+
+    for given, options in calls:
+        all_calls = calls_until(10**9, given, options)
+        for stop in range(1, all_calls, max(1, all_calls // 12)):
+            assert calls_until(stop, given, options) == stop, options
 
 
 def test_an_error_in_a_callback_reaches_the_caller() -> None:

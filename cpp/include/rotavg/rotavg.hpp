@@ -47,7 +47,6 @@
 #include <rotavg/anisotropic/residuals.hpp>
 #include <rotavg/anisotropic/split.hpp>
 #include <rotavg/anisotropic/sum.hpp>
-#include <rotavg/anisotropic/symmetric_eigen.hpp>
 #include <rotavg/graph/breadth_first.hpp>
 #include <rotavg/graph/bridges.hpp>
 #include <rotavg/graph/checked_part.hpp>
@@ -63,6 +62,7 @@
 #include <rotavg/init/shortest_path.hpp>
 #include <rotavg/init/spanning_tree.hpp>
 #include <rotavg/init/warm_start.hpp>
+#include <rotavg/linalg/symmetric_eigen.hpp>
 #include <rotavg/problem/connection.hpp>
 #include <rotavg/problem/gauge.hpp>
 #include <rotavg/problem/gradient.hpp>

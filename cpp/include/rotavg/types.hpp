@@ -6,6 +6,11 @@
 
 #include <Eigen/Core>
 
+// NaN and infinities are told from numbers, and a proof counts on the roundings of IEEE 754.
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error "rotavg proves nothing with -ffast-math, -Ofast or -ffinite-math-only: compile without"
+#endif
+
 namespace rotavg {
 
 using Matrix3 = Eigen::Matrix3d;

@@ -34,7 +34,7 @@ def distributed_options(command: F) -> F:
             "--parts",
             type=click.IntRange(1),
             metavar="N",
-            help="Parts of the graph.  [default: 1 a thread]",
+            help="Parts of the graph.  [default: one for each thread of the workers]",
         ),
         click.option(
             "--scheduler",

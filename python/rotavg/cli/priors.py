@@ -40,12 +40,14 @@ _OPTIONS = (
         "--gravity-weight",
         type=click.FloatRange(1e-100, 1e100),
         metavar="X",
-        help="What a tilt counts, as the weight of an edge.  [default: the edges' median]",
+        help="Weight of gravity at each node, in units of edge weights.  "
+        "[default: the edges' median]",
     ),
     click.option(
         "--headings",
         is_flag=True,
-        help="Hold gravity exactly, and find headings alone: --gravity knows every node.",
+        help="Hold gravity exactly and solve for headings only; --gravity must cover every node "
+        "(with calibrated rigs, every frame).",
     ),
     click.option(
         "--rigs",

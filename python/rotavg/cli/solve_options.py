@@ -107,14 +107,15 @@ _OPTIONS: tuple[Callable[[Any], Any], ...] = (
         default="auto",
         metavar="DEG",
         show_default=True,
-        help="The residual where the loss begins to distrust, degrees; auto: from the noise.",
+        help="Residual beyond which the loss gives an edge less weight, degrees; auto: from the "
+        "estimated noise.",
     ),
     click.option(
         "--cycle-threshold",
         type=click.FloatRange(0, 180, min_open=True),
         metavar="DEG",
-        help="Leave out edges that no short cycle agrees with: all of them, three (--min-cycles) "
-        "at least, miss by more than this.",
+        help="Leave out an edge that lies on three (--min-cycles) or more short cycles, all of "
+        "which miss the identity by more than this.",
     ),
     known_edge_options,
     click.option(
@@ -177,7 +178,8 @@ _OPTIONS: tuple[Callable[[Any], Any], ...] = (
         "--certificate-failure-probability",
         click.FloatRange(0, 1, max_open=True),
         1e-12,
-        "Chance of error that a proof may have where one without would cost much more; 0: none.",
+        "Largest chance of error of a randomised proof, tried where a deterministic one would "
+        "cost much more; 0: never.",
     ),
     number("--certificate-seed", click.IntRange(0), 0, "Seed of such a proof."),
     number(

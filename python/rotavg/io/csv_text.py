@@ -28,7 +28,7 @@ from rotavg.io.text import (
     write_rows,
 )
 
-_NEEDS_QUOTES = re.compile(r'[\s,#"]')
+_NEEDS_QUOTES = re.compile(r'[\s,;#"]')
 
 
 def read_csv(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:

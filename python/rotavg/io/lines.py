@@ -17,6 +17,7 @@ BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _BLOCK = 1 << 16
 _IN_NUMBERS = b"0123456789+-.eE \t\v\f\r\n" + b"infatyINFATY"
 _NOT_IN_A_NAME = re.compile(r"[\s,#]")
+_NOT_IN_A_ROW = re.compile(r"[\s,;#]")
 
 
 def content_lines(path: Path, data: bytes) -> Iterator[tuple[int, bytes]]:
@@ -140,10 +141,14 @@ def ids_of(path: Path, fields: Sequence[bytes]) -> IdArray:
         raise FormatError(f"the names are not UTF-8: {error}", path=path) from None
 
 
-def plain_name(path: Path, name: str) -> str:
-    """The name as it can stand between blanks; FormatError if it would not come back as it is."""
-    if not name or _NOT_IN_A_NAME.search(name):
+def plain_name(path: Path, name: str, *, in_row: bool = False) -> str:
+    """The name as it can stand between blanks; FormatError if it would not come back as it is.
+
+    Rows of our own layouts (`in_row`) may be divided by semicolons.
+    """
+    if not name or (_NOT_IN_A_ROW if in_row else _NOT_IN_A_NAME).search(name):
         found = f"found a node of the name {name!r}"
+        refused = "blank, comma, semicolon or #" if in_row else "blank, comma or #"
         hint = "(csv and npz hold any name)"
-        raise FormatError(f"{found}, expected no blank, comma or # in it {hint}", path=path)
+        raise FormatError(f"{found}, expected no {refused} in it {hint}", path=path)
     return name

@@ -121,7 +121,9 @@ def write_rows(
 
 def write_text(path: Path, item: Writable) -> bytes:
     """The content of a text file of a graph or a solution."""
-    title, header, rows = write_rows(path, item, " ", lambda name: plain_name(path, name))
+    title, header, rows = write_rows(
+        path, item, " ", lambda name: plain_name(path, name, in_row=True)
+    )
     return f"# {title}\n# {header}\n".encode() + rows
 
 

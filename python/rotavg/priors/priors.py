@@ -13,11 +13,11 @@ from rotavg.priors.checks import check_fixed, check_rigs
 
 @dataclass(frozen=True, eq=False)
 class Rigs:
-    """Which images the sensors of rigs took together: R_i = Q_f C_s.
+    """Cameras mounted together: the frame f and sensor s of every image, R_i = Q_f C_s.
 
     Sensors whose rotation C is not given are estimated, together with the rotations Q of the
-    frames. What hangs together by frames is one rig; where none of its sensors is given, its first
-    one is the reference and has C = I.
+    frames. Sensors that occur in the same frames form one rig; where none of them is given, its
+    first one is the reference and has C = I.
 
     Attributes:
         images: (frame, sensor) of a node, each an integer or a name; a sensor is in a frame once.

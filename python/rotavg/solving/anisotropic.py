@@ -19,6 +19,7 @@ from rotavg.solving.certificate import certificate_from_core
 from rotavg.solving.problem import Problem
 from rotavg.solving.solution import Solution
 from rotavg.solving.status import Status, Timings, Trace
+from rotavg.solving.stop_request import asks_to_stop
 
 # How far the start, the problem with one weight for each edge, is solved: radians.
 START_TOLERANCE = 1e-6
@@ -89,7 +90,7 @@ def with_covariances(solution: Solution, settings: dict[str, Any]) -> tuple[Solu
     graph = solution.graph
     assert graph.covariances is not None
     spent = solution.timings
-    stopped = solution.status is Status.STOPPED
+    stopped = asks_to_stop(solution.status, settings["callback"])
     left = 0 if stopped else max(0, settings["max_iterations"] - solution.iterations)
     core = _core.solve_anisotropic(
         graph._core,
@@ -115,7 +116,7 @@ def with_covariances(solution: Solution, settings: dict[str, Any]) -> tuple[Solu
         objective=core["objective"],
         gradient_norm=core["gradient_norm"],
         relative_gradient=core["relative_gradient"],
-        status=solution.status if stopped else Status[core["status"].upper()],
+        status=Status.STOPPED if stopped else Status[core["status"].upper()],
         iterations=solution.iterations + core["iterations"],
         method=core["method"],
         reason=(before if solution.iterations > 0 else "") + (core["reason"] or core["method"]),
@@ -143,7 +144,7 @@ def refined(solution: Solution, settings: dict[str, Any]) -> Solution:
     graph = solution.graph
     assert graph.covariances is not None
     spent = solution.timings
-    stopped = solution.status is Status.STOPPED
+    stopped = asks_to_stop(solution.status, settings["callback"])
     left = 0 if stopped else max(0, settings["max_iterations"] - solution.iterations)
     began = time.perf_counter()
     core = _core.refine_anisotropic(
@@ -163,7 +164,7 @@ def refined(solution: Solution, settings: dict[str, Any]) -> Solution:
     rotations, rigs = read_only(core["rotations"]), solution.rigs
     if rigs is not None:
         rigs = rigs.with_frames_of(graph.nodes.tolist(), rotations, core["objective"])
-    status = solution.status if stopped else Status[core["status"].upper()]
+    status = Status.STOPPED if stopped else Status[core["status"].upper()]
     then = f"then Gauss-Newton on the logarithms, {core['iterations']} iterations"
     return replace(
         solution,

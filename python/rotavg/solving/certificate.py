@@ -106,7 +106,7 @@ class Certificate(ComponentCertificate):
             estimate = " by an eigenvalue estimate" if self.method == "eigenvalue" else ""
             return f"{optimal}{estimate}; the tolerance is {self.tolerance:g} ({_OPTION})"
         if self.shortfall == Shortfall.RELAXATION:
-            return f"{optimal}; the relaxation lies below, so that it may be less"
+            return f"{optimal}; the relaxation is not tight, so the true gap may be smaller"
         if self.shortfall == Shortfall.NEGATIVE:
             small = math.isfinite(self.relative_gap) and self.relative_gap < 1
             by = f", by a relative {self.relative_gap:.2g} at most" if small else ""

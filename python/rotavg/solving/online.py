@@ -47,11 +47,12 @@ class OnlineSolution(ReadOnly):
 
 
 class Online:
-    """A graph to which edges are added and from which they go, with its optimum kept up.
+    """Incremental rotation averaging: edges come and go, and the optimum is kept up to date.
 
     After every call the rotations are those of the optimum to the tolerance, and a bound tells how
-    far they can be from it: as after `solve()`, for a part of the time. An edge to a new node costs
-    next to nothing and leaves the proof as it is; an edge that closes a cycle costs what it moves.
+    far they can be from it: as after `solve()`, but in a fraction of the time. An edge to a new
+    node costs next to nothing and leaves the proof as it is; the cost of an edge that closes a
+    cycle depends on how many nodes it moves.
     docs/online.md has the mathematics.
 
         online = rotavg.Online()

@@ -122,7 +122,7 @@ def _outliers(solution: Solved) -> Rows:
         if not solution.status.converged:
             return []  # residuals on the way to the answer say nothing of the measurements
         advice = contamination_of(solution.graph, solution.rotations, solution.residual_angles)
-        return [("outliers?", advice)] if advice else []
+        return [("outliers?", f"of the residuals, {advice}")] if advice else []
     rows = solution.robust.rows(solution.num_parts_given)
     if (unchecked := int(solution.is_unchecked.sum())) > 0:
         some = "1 edge" if unchecked == 1 else f"{unchecked} edges"

@@ -17,6 +17,8 @@ from rotavg.solving.stories import Alternative
 
 Loss = Literal["l2", "auto", "huber", "l1", "l_half", "cauchy", "geman_mcclure", "tls"]
 
+_SHOWN = 3  # alternatives in print
+
 
 @dataclass(frozen=True, eq=False)
 class PriorFit(ReadOnly):
@@ -183,7 +185,10 @@ class RobustFit(ReadOnly):
                     f"outliers alone{edges}",
                 )
             )
-        rows += [("alternative", alternative.sentence) for alternative in self.alternatives]
+        shown, more = self.alternatives[:_SHOWN], self.alternatives[_SHOWN:]
+        rows += [("alternative", alternative.sentence) for alternative in shown]
+        if more:
+            rows += [("", f"{len(more)} more in `robust.alternatives` and --json")]
         return rows
 
     def proof_sentence(self, sentence: str, num_components: int, hanging: int = 0) -> str:

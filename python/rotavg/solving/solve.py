@@ -20,6 +20,7 @@ from rotavg.solving.known_edges import known_edges
 from rotavg.solving.problem import Problem
 from rotavg.solving.robust import Loss
 from rotavg.solving.solution import Interrupted, Solution
+from rotavg.solving.stop_request import heeded
 from rotavg.solving.warm_start import warm_start
 
 Method = Literal["auto", "bcd", "sum", "newton", "staircase", "bcdsr"]
@@ -76,8 +77,9 @@ def solve(
 ) -> Solution:
     """Find the rotations that minimise sum of w |R_i R_ij - R_j|_F^2, and certify them.
 
-    With a robust `loss`, those that fit most of the measurements whatever the others say: then the
-    certificate is that of the final weighted problem (`Solution.robust`, docs/robust.md).
+    With a robust `loss`, find those that fit most of the measurements, and give little weight to
+    the rest; the certificate is then that of the final weighted problem (`Solution.robust`,
+    docs/robust.md).
 
     Args:
         graph: the measurements.
@@ -196,7 +198,7 @@ def solve(
         "certificate_max_flops": options.nonnegative(
             "certificate_max_flops", certificate_max_flops
         ),
-        "callback": options.function(callback),
+        "callback": heeded(options.function(callback)),
         "loss": options.word("loss", loss),
         "loss_scale": options.angle("loss_scale", loss_scale, "auto"),
         "cycle_threshold": options.angle("cycle_threshold", cycle_threshold, None),

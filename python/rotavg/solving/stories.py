@@ -92,12 +92,12 @@ class Alternative(ReadOnly):
             lead = abs(self.lead_in_weight)
             weights = f" ({kind} ones, by {lead:.1f} standard deviations)"
         return (
-            f"if things that look alike were mistaken for each other, {len(self.nodes)} of "
-            f"{len(self.group)} nodes ({few}{more}) are turned otherwise than here. For that speak "
-            f"{self.edges[1]} edges that this answer rejects{weights}, for this answer "
-            f"{self.edges[0]} that the other would reject; of every node's eight strongest edges "
-            f"{self.voices[1]:g} against {self.voices[0]:g}; of the pairs that ought to match, "
-            f"{100 * self.closure[1]:.0f} % do there and {100 * self.closure[0]:.0f} % here"
+            f"if look-alike places were confused, {len(self.nodes)} of {len(self.group)} nodes "
+            f"({few}{more}) have other rotations. Edges for it: {self.edges[1]}, which this answer "
+            f"rejects{weights}; against it: {self.edges[0]}, which it would reject. Of every "
+            f"node's eight strongest edges: {self.voices[1]:g} for it, {self.voices[0]:g} against. "
+            "Of the pairs that should match if it were true, "
+            f"{100 * self.closure[1]:.0f} % do; if this answer is, {100 * self.closure[0]:.0f} %"
         )
 
     def summary(self) -> dict[str, Any]:

@@ -5,7 +5,7 @@
 
 #include <rotavg/anisotropic/graph.hpp>
 #include <rotavg/anisotropic/residuals.hpp>
-#include <rotavg/anisotropic/symmetric_eigen.hpp>
+#include <rotavg/linalg/symmetric_eigen.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/types.hpp>
 

@@ -7,11 +7,11 @@
 #include <Eigen/Core>
 
 #include <rotavg/anisotropic/split.hpp>
-#include <rotavg/anisotropic/symmetric_eigen.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
+#include <rotavg/linalg/symmetric_eigen.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>

@@ -174,6 +174,7 @@ ROTAVG_INLINE Certificate certify(const AnisotropicGraph& graph, const Rotations
                                   std::vector<Elimination>& eliminations,
                                   const CertificateOptions& options,
                                   const std::vector<LowerBound>& known) {
+  check(options);
   const int num_threads = resolve_num_threads(options.num_threads, graph.num_edges());
   const AnisotropicResiduals residuals(graph, to_quaternions(R), num_threads);
   EdgeSplits splits(residuals);

@@ -19,6 +19,7 @@
 #include <rotavg/solve/polish.hpp>
 #include <rotavg/solve/result.hpp>
 #include <rotavg/solve/run.hpp>
+#include <rotavg/solve/stop_request.hpp>
 #include <rotavg/solve/stopwatch.hpp>
 
 #pragma GCC diagnostic push
@@ -30,14 +31,16 @@ namespace rotavg::detail {
 /// certificate; as often as limits on time and iterations allow.
 class AnisotropicDescent {
  public:
-  /// @param graph, options must outlive this object
+  /// @param graph must outlive this object
   AnisotropicDescent(const AnisotropicGraph& graph, const SolveOptions& options)
       : graph_(graph),
-        options_(options),
+        options_(stop_.heeding(options)),
         components_(connected_components(graph.scalar())),
         eliminations_(grounded_eliminations(graph.scalar(), components_,
                                             resolve_num_threads(options.iteration.num_threads))),
-        lower_bounds_(components_.nodes.size()) {}
+        lower_bounds_(components_.nodes.size()) {
+    check(options_);
+  }
 
   /// Whether the descent is left to choose.
   bool chooses() const {
@@ -46,7 +49,8 @@ class AnisotropicDescent {
   }
   double time_left() const { return options_.iteration.time_limit - watch_.seconds(); }
   bool may_go_on(const Solution& solution) const {
-    return time_left() > 0.0 && solution.iterations < options_.iteration.max_iterations &&
+    return !stop_.made() && time_left() > 0.0 &&
+           solution.iterations < options_.iteration.max_iterations &&
            (!options_.iteration.keep_going || options_.iteration.keep_going());
   }
   /// What is left after what was done before.
@@ -54,7 +58,8 @@ class AnisotropicDescent {
     IterationResult spent;
     spent.iterations = before.iterations;
     spent.seconds = watch_.seconds();
-    return before.iterations > 0 ? remaining(options_.iteration, spent) : options_.iteration;
+    if (stop_.made()) spent.iterations = options_.iteration.max_iterations;
+    return spent.iterations > 0 ? remaining(options_.iteration, spent) : options_.iteration;
   }
 
   bool is_refuted(const Solution& solution) const {
@@ -107,7 +112,8 @@ class AnisotropicDescent {
 
  protected:
   const AnisotropicGraph& graph_;
-  const SolveOptions& options_;
+  const StopRequest stop_;
+  const SolveOptions options_;
   const Stopwatch watch_;
   const Components components_;
   std::vector<Elimination> eliminations_;
@@ -135,7 +141,8 @@ class AnisotropicDescent {
     IterationOptions first = limits;
     first.max_iterations = std::min(sweeps, limits.max_iterations);
     IterationResult result = bcd(graph_, R, first);
-    if (result.status != Status::iteration_limit || limits.max_iterations <= sweeps) return result;
+    const bool is_done = result.status != Status::iteration_limit || stop_.made();
+    if (is_done || limits.max_iterations <= sweeps) return result;
     const Rotations swept = result.rotations;
     append(result, newton(graph_, swept, eliminations_, remaining(limits, result)));
     return result;

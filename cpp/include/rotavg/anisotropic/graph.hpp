@@ -2,14 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include <rotavg/anisotropic/symmetric_eigen.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/problem/check_precisions.hpp>
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
@@ -39,7 +38,7 @@ class AnisotropicGraph {
   /// @param precisions (m,) H of every edge; they may be singular, but not zero
   /// @param free_axes of edges whose precision about that axis is zero
   /// @throws InvalidEdge for one that is not finite, symmetric and positive semidefinite
-  /// @throws std::invalid_argument unless there is one for each edge
+  /// @throws std::invalid_argument unless there is one for each edge, and for a free axis of none
   AnisotropicGraph(MeasurementGraph graph, std::vector<Matrix3> precisions,
                    std::vector<FreeAxis> free_axes = {})
       : scalar_(std::move(graph)),
@@ -54,12 +53,17 @@ class AnisotropicGraph {
     blocks_.reserve(precisions_.size());
     weights.reserve(precisions_.size());
     for (Index k = 0; k < num_edges(); ++k) {
-      const Vector3 axes = checked_axes(k);
+      const Vector3 axes = checked_precision(k, precisions_[k]);
       unevenness_ += std::min(most_uneven, std::sqrt(axes(2) / std::max(axes(0), 0.0)));
       weights.push_back(precisions_[k].trace() / 6.0);
       Matrix3 M = -precisions_[k];
       add_to_diagonal(M, 3.0 * weights.back());
       blocks_.push_back(product(scalar_.edges()[k].i_from_j(), M));
+    }
+    for (const FreeAxis& free : free_axes_) {
+      if (free.edge >= 0 && free.edge < num_edges()) continue;
+      throw std::invalid_argument("a free axis is of edge " + std::to_string(free.edge) +
+                                  ", and the graph has " + std::to_string(num_edges()));
     }
     scalar_.set_weights(weights);
     unevenness_ /= std::max<double>(num_edges(), 1.0);
@@ -87,33 +91,6 @@ class AnisotropicGraph {
   }
 
  private:
-  /// Makes H of edge k symmetric.
-  /// @returns its eigenvalues, rising
-  Vector3 checked_axes(Index k) {
-    constexpr double slight = 1e-9;
-    Matrix3& H = precisions_[k];
-    if (!is_finite(H)) throw InvalidEdge(k, "the precision holds a NaN or an infinity");
-    const Matrix3 symmetric = symmetric_part(H);
-    double size = 0.0, skew = 0.0;  // the largest entries
-    for (int a = 0; a < 9; ++a) {
-      size = std::max(size, std::abs(H(a)));
-      skew = std::max(skew, std::abs(H(a) - symmetric(a)));
-    }
-    if (skew > slight * size) {
-      throw InvalidEdge(k, "the precision is not symmetric");
-    }
-    const Vector3 axes = symmetric_eigen(symmetric).values;
-    if (!(size > 0.0) || axes(0) < -slight * size) {
-      std::ostringstream reason;
-      reason.precision(6);
-      reason << "the precision is zero or has a negative eigenvalue, " << axes(0)
-             << "; expected it positive semidefinite";
-      throw InvalidEdge(k, reason.str());
-    }
-    H = symmetric;
-    return axes;
-  }
-
   MeasurementGraph scalar_;
   std::vector<Matrix3> precisions_;
   std::vector<FreeAxis> free_axes_;

@@ -9,10 +9,10 @@
 #include <rotavg/anisotropic/graph.hpp>
 #include <rotavg/anisotropic/hessian.hpp>
 #include <rotavg/anisotropic/residuals.hpp>
-#include <rotavg/anisotropic/symmetric_eigen.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/linalg/memory.hpp>
+#include <rotavg/linalg/symmetric_eigen.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/so3/small_products.hpp>

@@ -35,7 +35,7 @@ inline IterationResult newton(const AnisotropicGraph& graph, const Rotations& R,
   const auto iterate = [&](auto& metric, CholeskyOutcome outcome) {
     if (outcome == CholeskyOutcome::not_positive_definite) {
       IterationOptions rest = options;
-      rest.time_limit -= monitor.seconds();
+      rest.time_limit = std::max(0.0, rest.time_limit - monitor.seconds());
       return bcd(graph, R, rest);
     }
     if (outcome == CholeskyOutcome::stopped) {

@@ -83,7 +83,7 @@ class AnisotropicResiduals {
       add_to_diagonal(force_[k].T, G.trace());
       force_[k].p = e.w() * Hv + cross(v, Hv);
       force_[k].sine = v.norm();
-      return force_[k].cost = 4.0 * v.dot(Hv);
+      return force_[k].cost = std::max(4.0 * v.dot(Hv), 0.0);  // H may be singular
     });
     for (const FreeAxis& free : graph_->free_axes()) {
       const Vector3 a = product(weighted_rotation(q[edges[free.edge].j]), free.axis);

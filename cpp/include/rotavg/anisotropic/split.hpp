@@ -5,7 +5,7 @@
 #include <vector>
 
 #include <rotavg/anisotropic/residuals.hpp>
-#include <rotavg/anisotropic/symmetric_eigen.hpp>
+#include <rotavg/linalg/symmetric_eigen.hpp>
 #include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 

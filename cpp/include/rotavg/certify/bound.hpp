@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <stdexcept>
 
 namespace rotavg {
 
@@ -19,6 +20,20 @@ struct CertificateOptions {
   int num_threads = 0;
   std::function<bool()> keep_going;  ///< asked every few milliseconds; false stops
 };
+
+/// @throws std::invalid_argument for a number out of range
+inline void check(const CertificateOptions& options) {
+  if (!(options.tolerance >= 0.0)) {
+    throw std::invalid_argument(
+        "the certificate's tolerance must be a number that is not negative");
+  }
+  if (!(options.failure_probability >= 0.0 && options.failure_probability < 1.0)) {
+    throw std::invalid_argument("the failure probability must be at least 0 and less than 1");
+  }
+  if (!(options.max_factorization_flops >= 0.0)) {
+    throw std::invalid_argument("the limit of a factorisation must be a number, not negative");
+  }
+}
 
 /// How the gap is known; of several components, the weakest.
 enum class CertificateMethod {

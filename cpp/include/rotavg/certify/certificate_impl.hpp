@@ -127,6 +127,7 @@ ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations
                                   const CertificateOptions& options,
                                   const std::vector<LowerBound>& known,
                                   const GravityPairs& gravity) {
+  check(options);
   const int num_threads = resolve_num_threads(options.num_threads, graph.num_edges());
 
   const Quaternions q = to_quaternions(R);

@@ -61,12 +61,14 @@ constexpr double objective_floor = 1e-20;
 constexpr double most_of_lightest = 1000.0;
 
 /// ... but for so much of its weight: what rounding alone takes of its part of f(R), which is some
-/// 1e-29 of the weight (objective_rounding), is then within 1e-6 of the floor.
-constexpr double least_that_counts = 0.005;
+/// 1e-29 of the weight (objective_rounding), is then within 1e-6 of the floor. Up to so many times
+/// the lightest: beyond them, that rounding hides what light edges say.
+constexpr double least_that_counts = 0.005, most_that_counts = 1e18;
 
 /// What an edge of this weight counts for in Measure::weight.
 inline double counted_weight(double weight, double lightest) {
-  return std::max(std::min(weight, most_of_lightest * lightest), least_that_counts * weight);
+  return std::max(std::min(weight, most_of_lightest * lightest),
+                  least_that_counts * std::min(weight, most_that_counts * lightest));
 }
 
 /// What the gap of one component is held against.

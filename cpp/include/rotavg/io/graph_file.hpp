@@ -8,10 +8,10 @@
 #include <utility>
 #include <vector>
 
-#include <rotavg/anisotropic/symmetric_eigen.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/io/node_ids.hpp>
 #include <rotavg/io/source.hpp>
+#include <rotavg/linalg/symmetric_eigen.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 

@@ -119,11 +119,13 @@ struct TableStyle {
   /// A name as it can stand in a row.
   /// @throws std::invalid_argument for one that would not come back as it is
   std::string spelt(const std::string& name) const {
-    const bool plain = !name.empty() && name.find_first_of(" \t\r\n\v\f,#") == name.npos;
+    const bool plain = !name.empty() && name.find_first_of(" \t\r\n\v\f,;#") == name.npos;
     if (separator == ' ') {
       if (plain) return name;
-      throw std::invalid_argument("found a node of the name '" + name +
-                                  "', expected no blank, comma or # in it (CSV holds any name)");
+      throw std::invalid_argument(
+          "found a node of the name '" + name +
+          "', expected no blank, comma, semicolon or # in it (CSV holds any "
+          "name)");
     }
     if (name.empty() || name.find_first_of("\r\n\v\f") != name.npos) {
       throw std::invalid_argument("found a node of the name '" + name +

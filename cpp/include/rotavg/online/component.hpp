@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <vector>
 
 #include <rotavg/types.hpp>
@@ -13,6 +14,9 @@ struct OnlineComponent {
   double objective = 0.0;    ///< of the edges of the core: the others are met
   double drift = 0.0;        ///< what rounding can have made of the sum
   double weight = 0.0;       ///< of all edges in use
+  /// The lightest of them, or less; infinite where it is to be looked for.
+  double lightest = std::numeric_limits<double>::infinity();
+  double counted = 0.0;      ///< their weight as the floor of the relative gap counts it
   double lower_bound = 0.0;  ///< f* is not below it
   double gap = 0.0;
   double to_gain = 0.0;  ///< what one more step would gain, about

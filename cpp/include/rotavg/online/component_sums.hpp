@@ -1,7 +1,9 @@
 #pragma once
 
 #include <algorithm>
+#include <limits>
 
+#include <rotavg/certify/component_certificate.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
 #include <rotavg/online/component.hpp>
 #include <rotavg/online/growing_graph.hpp>
@@ -23,11 +25,45 @@ inline void lower_weight(OnlineComponent& component, double by) {
   component.lower_bound = std::max(component.lower_bound - 8.0 * by, 0.0);
 }
 
+/// The lightest edge, and what all count for beside it (counted_weight).
+inline void count_weights(OnlineComponent& component, const GrowingGraph& graph) {
+  const auto for_each_weight = [&](auto&& f) {
+    for (const Index l : component.nodes) {
+      for (const GrowingGraph::End& end : graph.ends(l)) {
+        const OnlineEdge& e = graph.edge(end.edge);
+        if (e.i == l && e.weight > 0.0) f(e.weight);
+      }
+    }
+  };
+  component.lightest = std::numeric_limits<double>::infinity();
+  for_each_weight([&](double w) { component.lightest = std::min(component.lightest, w); });
+  component.counted = 0.0;
+  for_each_weight(
+      [&](double w) { component.counted += detail::counted_weight(w, component.lightest); });
+}
+
+/// An edge, which has the weight `now` in the graph, had another one; zero where it is not used.
+inline void change_weight(OnlineComponent& component, const GrowingGraph& graph, double old,
+                          double now) {
+  constexpr double much = 0.5;  // lighter, or all are counted again and again
+  component.weight = std::max(component.weight + (now - old), 0.0);
+  if (now > 0.0 && now < much * component.lightest) return count_weights(component, graph);
+  const double change = detail::counted_weight(now, component.lightest) -
+                        detail::counted_weight(old, component.lightest);
+  component.counted = std::max(component.counted + change, 0.0);
+}
+
 /// The sums of another component, but for its nodes, are added.
 inline void add_sums(OnlineComponent& component, const OnlineComponent& other) {
   component.objective += other.objective;
   component.drift += other.drift + 2.0 * unit_roundoff * component.objective;
   component.weight += other.weight;
+  component.counted += other.counted;
+  if (component.num_edges == 0) {
+    component.lightest = other.lightest;
+  } else if (other.num_edges > 0 && other.lightest != component.lightest) {
+    component.lightest = std::numeric_limits<double>::infinity();  // with the edge that joins them
+  }
   component.num_edges += other.num_edges;
   component.lower_bound += other.lower_bound;
   component.lower_bound -= 2.0 * unit_roundoff * component.lower_bound;
@@ -61,6 +97,7 @@ inline void sum_anew(OnlineComponent& component, const GrowingGraph& graph) {
       ++component.num_edges;
     }
   }
+  count_weights(component, graph);
   sum_objective(component, graph);
 }
 

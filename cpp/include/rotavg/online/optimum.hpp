@@ -54,7 +54,7 @@ class OnlineOptimum {
 
   double relative_gap(const OnlineComponent& component) const {
     if (component.num_edges == 0) return 0.0;
-    const double floor = detail::objective_floor * component.weight;
+    const double floor = detail::objective_floor * component.counted;
     return component.gap / std::max(component.objective, floor);
   }
 
@@ -136,7 +136,9 @@ class OnlineOptimum {
   }
 
   void take_bound(OnlineComponent& component) {
-    if (component.num_edges == 0) component.objective = component.drift = component.weight = 0.0;
+    if (component.num_edges == 0) {
+      component.objective = component.drift = component.weight = component.counted = 0.0;
+    }
     const double by_factor = gap_by_factor(component), error = rounding(component);
     component.lower_bound =
         std::max(component.lower_bound, component.objective - by_factor - error);

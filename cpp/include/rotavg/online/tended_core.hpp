@@ -54,7 +54,7 @@ class TendedCore {
       set_in_core(k);
     }
     OnlineComponent& component = component_of(e.i);
-    component.weight += weight;
+    change_weight(component, graph(), 0.0, weight);
     ++component.num_edges;
     component.is_touched = true;
   }
@@ -65,7 +65,7 @@ class TendedCore {
     const Index i = graph().edge(k).i, j = graph().edge(k).j;
     const bool was_in_core = graph().edge(k).in_core;
     OnlineComponent& component = component_of(i);
-    component.weight = std::max(component.weight - weight, 0.0);
+    change_weight(component, graph(), weight, 0.0);
     --component.num_edges;
     component.is_touched = true;
     lower_weight(component, weight);
@@ -92,10 +92,10 @@ class TendedCore {
   void set_weight(Index k, double weight) {
     OnlineComponent& component = component_of(graph().edge(k).i);
     const double old = graph().edge(k).weight;
-    component.weight = std::max(component.weight + (weight - old), 0.0);
     component.is_touched = true;
     if (weight < old) lower_weight(component, old - weight);
     core.graph().set_weight(k, weight);
+    change_weight(component, graph(), old, weight);
     if (!graph().edge(k).in_core) return;
     update_edge(k);
     touch(graph().edge(k).i);

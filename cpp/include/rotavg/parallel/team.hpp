@@ -47,6 +47,7 @@ class Team {
   Team(const Team&) = delete;
   Team& operator=(const Team&) = delete;
   ~Team() {
+    is_busy() = true;  // what this thread's other destructors call gets no help any more
     leave_to_parent();
     if (!state_) return;
     state_->post(nullptr, static_cast<int>(state_->helpers.size()), /*last=*/true);

@@ -29,15 +29,19 @@ class InvalidRotation : public std::invalid_argument {
   std::string reason_;
 };
 
+/// @throws std::invalid_argument if there is not one for each node
+inline void require_one_rotation_each(const MeasurementGraph& graph, const Rotations& R) {
+  if (static_cast<Index>(R.size()) == graph.num_nodes()) return;
+  throw std::invalid_argument("found " + std::to_string(R.size()) + " rotations; expected " +
+                              std::to_string(graph.num_nodes()) + ", one for each node");
+}
+
 /// Checks rotations that a user gave, and snaps them to exact ones: for anything else the
 /// objective means nothing.
 /// @throws std::invalid_argument if there is not one for each node
 /// @throws InvalidRotation if a matrix is further from a rotation than max_orthogonality_error
 inline Rotations checked_rotations(const MeasurementGraph& graph, Rotations R) {
-  if (static_cast<Index>(R.size()) != graph.num_nodes()) {
-    throw std::invalid_argument("found " + std::to_string(R.size()) + " rotations; expected " +
-                                std::to_string(graph.num_nodes()) + ", one for each node");
-  }
+  require_one_rotation_each(graph, R);
   for (Index i = 0; i < graph.num_nodes(); ++i) {
     const double error = orthogonality_error(R[i]);
     const double det = determinant(R[i]);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -33,7 +34,8 @@ inline double objective(const MeasurementGraph& graph, const Rotations& R, int n
 /// Each residual carries an error of a few epsilon, |f - f~| <= 2 sum w |D| |dD| (Cauchy-Schwarz).
 inline double objective_rounding(double total_weight, double objective) {
   constexpr double error = 16.0 * std::numeric_limits<double>::epsilon();
-  return error * (std::sqrt(total_weight * objective) + error * total_weight);
+  const double f = std::max(objective, 0.0);  // rounding may have taken it below; NaN stays
+  return error * (std::sqrt(total_weight * f) + error * total_weight);
 }
 inline double objective_rounding(const MeasurementGraph& graph, double objective) {
   return objective_rounding(graph.total_weight(), objective);

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <rotavg/graph/parts.hpp>
+#include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/reduction/gravity.hpp>
@@ -88,7 +89,9 @@ inline std::vector<double> edge_costs(const GroundedGraph& problem, const Rotati
 
 /// The objective of measurements and priors at R (n,), world_from_node, with what nothing can
 /// change between nodes of one variable, and without the constant of gravity's edges.
+/// @throws std::invalid_argument unless there is one rotation for each node
 inline double objective(const GroundedGraph& problem, const Rotations& R) {
+  require_one_rotation_each(problem.given(), R);
   const std::vector<double> of_priors = prior_costs(problem, R), of_edges = edge_costs(problem, R);
   std::vector<bool> kept(problem.given().edges().size(), false);
   double sum = 0.0;

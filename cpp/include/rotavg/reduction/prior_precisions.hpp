@@ -1,10 +1,9 @@
 #pragma once
 
 #include <cstddef>
-#include <stdexcept>
-#include <string>
 #include <vector>
 
+#include <rotavg/problem/check_precisions.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
@@ -28,22 +27,20 @@ struct GroundedPrecisions {
 /// alone: 4 v^T H v with H = w (I - g g^T) is w |R_i d - g|^2, without any constant.
 ///
 /// @param of_second the share of the second edges
-/// @throws std::invalid_argument unless there is a precision for each given measurement
+/// @throws InvalidEdge for a precision that is not finite, symmetric and positive semidefinite
+/// @throws std::invalid_argument unless there is one for each given measurement
 inline std::vector<Matrix3> precisions_of_edges(const GroundedGraph& problem,
                                                 const GroundedPrecisions& precisions,
                                                 double of_second = 0.5) {
   const auto& given = problem.given().edges();
   const auto& edges = problem.graph().edges();
-  if (precisions.measurements.size() != given.size()) {
-    throw std::invalid_argument("found " + std::to_string(precisions.measurements.size()) +
-                                " precisions; expected " + std::to_string(given.size()) +
-                                ", one for each edge");
-  }
+  const std::vector<Matrix3> measured =
+      checked_precisions(problem.given().num_edges(), precisions.measurements, "precisions");
   std::vector<Matrix3> result;
   result.reserve(edges.size());
   for (const Index k : problem.kept()) {
     const Matrix3& C_j = problem.riding().variable_from_node[given[k].j];
-    result.push_back(product_transposed(product(C_j, precisions.measurements[k]), C_j));
+    result.push_back(product_transposed(product(C_j, measured[k]), C_j));
   }
   for (std::size_t k = result.size(); k < edges.size(); ++k) {
     result.push_back(multiple_of_identity(precisions.prior * edges[k].weight));

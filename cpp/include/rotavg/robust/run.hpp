@@ -17,6 +17,7 @@
 #include <rotavg/robust/scale.hpp>
 #include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/solve.hpp>
+#include <rotavg/solve/stop_request.hpp>
 #include <rotavg/solve/stopwatch.hpp>
 
 #pragma GCC diagnostic push
@@ -37,7 +38,7 @@ class RobustRun {
         given_(graph.weights()),
         units_(std::move(units)),
         series_(std::move(series)),
-        options_(options),
+        options_(stop_.heeding(options)),
         num_threads_(resolve_num_threads(options.iteration.num_threads, graph.num_edges())),
         inner_(inner_steps(graph_, options.method, num_threads_)) {
     if (std::find(precision().begin(), precision().end(), 0.0) != precision().end()) {
@@ -84,7 +85,7 @@ class RobustRun {
   /// For what is not a stage of its own.
   std::function<bool()> keep_going() const {
     return [this] {
-      return watch_.seconds() < options_.iteration.time_limit &&
+      return !stop_.made() && watch_.seconds() < options_.iteration.time_limit &&
              (!options_.iteration.keep_going || options_.iteration.keep_going());
     };
   }
@@ -186,8 +187,8 @@ class RobustRun {
   void took(const IterationResult& result) {
     iterations_ += result.iterations;
     if (ended_ != Status::not_run) return;
-    const bool asked_to = options_.iteration.keep_going && !options_.iteration.keep_going();
-    if (result.status == Status::stopped || asked_to) {
+    const bool interrupted = options_.iteration.keep_going && !options_.iteration.keep_going();
+    if (result.status == Status::stopped || stop_.made() || interrupted) {
       ended_ = Status::stopped;
     } else if (watch_.seconds() >= options_.iteration.time_limit) {
       ended_ = Status::time_limit;
@@ -197,6 +198,7 @@ class RobustRun {
   }
 
   Stopwatch watch_;
+  StopRequest stop_;
   MeasurementGraph graph_;
   std::vector<double> given_, x_;
   EdgeUnits units_;

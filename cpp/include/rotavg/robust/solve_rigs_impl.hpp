@@ -19,6 +19,7 @@
 #include <rotavg/so3/random.hpp>
 #include <rotavg/solve/shared_rotations.hpp>
 #include <rotavg/solve/solve_with_priors_impl.hpp>
+#include <rotavg/solve/stop_request.hpp>
 #include <rotavg/solve/stopwatch.hpp>
 
 #pragma GCC diagnostic push
@@ -218,6 +219,7 @@ ROTAVG_INLINE RigEstimate estimate_rigs(const MeasurementGraph& graph, const Rig
                                         const Priors& priors, const SolveOptions& options,
                                         const std::optional<RobustOptions>& robust,
                                         std::optional<Rotations> start) {
+  check(options);
   constexpr int max_rounds = 30;
   constexpr double settled = 1e-6;  // radians
   const Stopwatch watch;
@@ -282,11 +284,13 @@ ROTAVG_INLINE RigSolution solve_rigs(const MeasurementGraph& graph, const Rigs& 
                                      const Priors& priors, const SolveOptions& options,
                                      const std::optional<RobustOptions>& robust,
                                      std::optional<Rotations> start) {
+  check(options);
   const Stopwatch watch;
+  const StopRequest stop;
   RigSolution solution;
   solution.rigs = estimate_rigs(graph, rigs, priors, options, robust, start);
   if (!solution.rigs.rotations.empty()) start = solution.rigs.rotations;
-  SolveOptions rest = options;
+  SolveOptions rest = stop.heeding(options);
   const auto left = [&] {
     rest.iteration.time_limit = std::max(0.0, options.iteration.time_limit - watch.seconds());
     return rest;
@@ -299,7 +303,9 @@ ROTAVG_INLINE RigSolution solve_rigs(const MeasurementGraph& graph, const Rigs& 
   for (int round = 0;; ++round) {
     const GroundedGraph held(graph, solution.rigs.held(graph, rigs, priors));
     static_cast<RobustSolution&>(solution) = detail::solve_either(held, left(), robust, start);
-    if (!robust || !layout.any_estimated() || solution.status == Status::stopped) break;
+    if (!robust || !layout.any_estimated() || solution.status == Status::stopped || stop.made()) {
+      break;
+    }
     solution.rigs.rotations = solution.rotations;
     RigEstimate refined = solution.rigs;
     const double change =
@@ -312,6 +318,7 @@ ROTAVG_INLINE RigSolution solve_rigs(const MeasurementGraph& graph, const Rigs& 
     start = refined.rotations;
     solution.rigs = std::move(refined);
   }
+  if (stop.made()) solution.status = Status::stopped;
   if (options.certify && layout.any_estimated() && solution.status != Status::stopped) {
     detail::take_weights(solution, images);
     rest.iteration.callback = nullptr;

@@ -117,8 +117,15 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   constexpr double l1_scale = 0.01, outlier_noises = 3.0;
   constexpr double l1_gain = 1e-4, loss_gain = 1e-5;
   constexpr int l1_limit = 60, brief_limit = 30, loss_limit = 500;
-  if (!(robust.scale >= 0.0) || !(robust.cycle_threshold >= 0.0)) {
-    throw std::invalid_argument("a scale or threshold is negative or not a number");
+  constexpr double least_scale = 1e-6, pi = 3.141592653589793;
+  check(options);
+  if (robust.scale != 0.0 && !(robust.scale >= least_scale && robust.scale <= pi)) {
+    throw std::invalid_argument("found the scale " + six_digits(robust.scale) +
+                                "; expected radians between 1e-6 and pi, or 0: from the noise");
+  }
+  if (!(robust.cycle_threshold >= 0.0 && robust.cycle_threshold <= pi)) {
+    throw std::invalid_argument("found the cycle threshold " + six_digits(robust.cycle_threshold) +
+                                "; expected radians between 0 and pi");
   }
   if (robust.min_cycles < 1) throw std::invalid_argument("min_cycles is less than 1");
   robust.known.check(graph);
@@ -246,7 +253,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   }
   double doubtful = solution.threshold;
   if (loss.kind == Loss::l2) {  // believes everything
-    solution.threshold = 3.141592653589793;
+    solution.threshold = pi;
     doubtful = std::numeric_limits<double>::infinity();
   }
   solution.verdicts =

@@ -15,6 +15,7 @@
 #include <rotavg/robust/solve_robust_impl.hpp>
 #include <rotavg/robust/solve_robust_with_priors.hpp>
 #include <rotavg/solve/solve_with_priors_impl.hpp>
+#include <rotavg/solve/stop_request.hpp>
 #include <rotavg/solve/stopwatch.hpp>
 
 #pragma GCC diagnostic push
@@ -73,11 +74,13 @@ inline void tell_of_measurements(const GroundedGraph& problem, const RobustOptio
 /// rotations that drift are held by their priors only there.
 ///
 /// @param weighted with the robust weights of the measurements
+/// @param stop heeded by the options
 /// @param watch that has been running since the call began
 /// @param solution of the measurements alone; receives where it ended, the verdicts, and what it
 ///        took
 inline void weigh_priors(GroundedGraph& weighted, const SolveOptions& options,
-                         const Stopwatch& watch, RobustSolution& solution) {
+                         const StopRequest& stop, const Stopwatch& watch,
+                         RobustSolution& solution) {
   constexpr int turns = 40, rounds = 12;
   constexpr double settled = 1e-3;
   RobustPriors priors(weighted, solution.loss);
@@ -109,7 +112,7 @@ inline void weigh_priors(GroundedGraph& weighted, const SolveOptions& options,
     solution.rotations = std::move(met.rotations);
     solution.iterations = met.iterations;
     solution.timings = met.timings;
-    if (met.status == Status::stopped) solution.status = met.status;
+    if (met.status == Status::stopped || stop.made()) solution.status = Status::stopped;
     if (weigh(false) <= settled) break;
   }
   solution.absolute = priors.absolute();
@@ -147,10 +150,14 @@ inline EdgeKnowledge between_frames(const GroundedGraph& problem, const EdgeKnow
 
 }  // namespace detail
 
-ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem, const SolveOptions& options,
+ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem,
+                                          const SolveOptions& given_options,
                                           const RobustOptions& robust,
                                           std::optional<Rotations> start) {
+  check(given_options);
   const Stopwatch watch;
+  const StopRequest stop;
+  const SolveOptions options = stop.heeding(given_options);
   robust.known.check(problem.given());
   SolveOptions rough = options;
   if (problem.has_world()) {
@@ -171,11 +178,12 @@ ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem, const So
     solution.objective = objective(weighted, solution.rotations);
     return solution;
   }
+  if (stop.made()) solution.status = Status::stopped;
   GroundedGraph weighted = problem;
   weighted.set_weights(solution.edge_weights);
   const Rotations before = solution.rotations;
   if (robust.priors && solution.loss.kind != Loss::l2) {
-    detail::weigh_priors(weighted, options, watch, solution);
+    detail::weigh_priors(weighted, options, stop, watch, solution);
   }
   detail::join_parts(problem, solution);
   static_cast<Solution&>(solution) = detail::meet_priors(weighted, solution, options, watch);

@@ -20,7 +20,9 @@ namespace rotavg {
 /// anisotropic/with_priors.hpp.)
 ///
 /// @param information (m,) Omega of every edge, symmetric and positive definite
-/// @throws std::invalid_argument unless there is one Omega for each edge
+/// @throws InvalidEdge for one that is not finite, symmetric and positive semidefinite
+/// @throws InvalidRotation, std::invalid_argument unless there is one Omega for each edge and one
+///         rotation for each node
 ROTAVG_INLINE IterationResult refine_anisotropic(const MeasurementGraph& graph,
                                                  const std::vector<Matrix3>& information,
                                                  Rotations R, const IterationOptions& options = {});

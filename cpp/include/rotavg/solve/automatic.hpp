@@ -41,8 +41,8 @@ inline void append(IterationResult& first, IterationResult second) {
 /// What is left of the limits for a second solver, whose reports continue those of the first.
 inline IterationOptions remaining(const IterationOptions& options, const IterationResult& first) {
   IterationOptions rest = options;
-  rest.time_limit -= first.seconds;
-  rest.max_iterations -= first.iterations;
+  rest.time_limit = std::max(0.0, rest.time_limit - first.seconds);
+  rest.max_iterations = std::max(0, rest.max_iterations - first.iterations);
   if (options.callback) {
     rest.callback = [callback = options.callback, iterations = first.iterations,
                      seconds = first.seconds](Progress progress) {

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <cmath>
 #include <stdexcept>
 #include <utility>
 
@@ -22,14 +21,10 @@ class Monitor {
   Monitor(const MeasurementGraph& graph, const Rotations& R, IterationOptions options)
       : options_(std::move(options)),
         num_threads_(resolve_num_threads(options_.num_threads, graph.num_edges())) {
-    const auto require = [](bool holds, const char* what) {
-      if (!holds) throw std::invalid_argument(what);
-    };
-    require(static_cast<Index>(R.size()) == graph.num_nodes(),
-            "the initial value must have one rotation for each node");
-    require(options_.tolerance >= 0.0, "the tolerance must be a number that is not negative");
-    require(options_.max_iterations >= 0, "the iteration limit must not be negative");
-    require(!std::isnan(options_.time_limit), "the time limit must be a number");
+    if (static_cast<Index>(R.size()) != graph.num_nodes()) {
+      throw std::invalid_argument("the initial value must have one rotation for each node");
+    }
+    check(options_);
   }
 
   int num_threads() const { return num_threads_; }

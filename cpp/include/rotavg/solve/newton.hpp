@@ -93,7 +93,7 @@ inline IterationResult newton(const MeasurementGraph& graph, const Rotations& R,
   const auto outcome = metric.factorize([&] { return monitor.keep_going(); });
   if (outcome == CholeskyOutcome::not_positive_definite) {
     IterationOptions rest = options;
-    rest.time_limit -= monitor.seconds();
+    rest.time_limit = std::max(0.0, rest.time_limit - monitor.seconds());
     return bcd(graph, R, rest);
   }
   Quaternions q = to_quaternions(R);

@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <limits>
+#include <stdexcept>
 
 #include <rotavg/solve/progress.hpp>
 
@@ -44,6 +45,16 @@ struct IterationOptions {
   /// Asked after every iteration and in the middle of long ones; false stops.
   std::function<bool()> keep_going;
 };
+
+/// @throws std::invalid_argument unless the numbers are not negative
+inline void check(const IterationOptions& options) {
+  const auto require = [](bool holds, const char* what) {
+    if (!holds) throw std::invalid_argument(what);
+  };
+  require(options.tolerance >= 0.0, "the tolerance must be a number that is not negative");
+  require(options.max_iterations >= 0, "the iteration limit must not be negative");
+  require(options.time_limit >= 0.0, "the time limit must be a number that is not negative");
+}
 
 /// How SUM (Algorithm 3) chooses mu, which makes B = mu I + Rt convex enough for its upper bound.
 enum class MuRule {

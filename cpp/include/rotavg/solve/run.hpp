@@ -27,6 +27,7 @@
 #include <rotavg/solve/newton.hpp>
 #include <rotavg/solve/polish.hpp>
 #include <rotavg/solve/solution.hpp>
+#include <rotavg/solve/stop_request.hpp>
 #include <rotavg/solve/stopwatch.hpp>
 #include <rotavg/solve/sum.hpp>
 
@@ -38,11 +39,11 @@ namespace rotavg {
 /// What the runs of one call of solve() share: the limits, the watch, the analysis of the graph.
 class SolveRun {
  public:
-  /// @param graph, options must outlive this object
+  /// @param graph must outlive this object
   /// @param gravity of the edges; its constant is no part of what a gap is held against
   SolveRun(const MeasurementGraph& graph, const SolveOptions& options, GravityPairs gravity = {})
       : graph_(graph),
-        options_(options),
+        options_(stop_.heeding(options)),
         gravity_(std::move(gravity)),
         components_(connected_components(graph)),
         eliminations_(grounded_eliminations(graph, components_,
@@ -51,7 +52,9 @@ class SolveRun {
         keep_going_([this] {
           return time_left() > 0.0 &&
                  (!options_.iteration.keep_going || options_.iteration.keep_going());
-        }) {}
+        }) {
+    check(options_);
+  }
 
   SolveRun(const SolveRun&) = delete;
   SolveRun& operator=(const SolveRun&) = delete;
@@ -66,27 +69,25 @@ class SolveRun {
   /// What is left of the caller's limits; the callback goes on counting where the last run ended.
   IterationOptions limits() {
     IterationOptions rest = options_.iteration;
-    rest.time_limit = time_left();
+    rest.time_limit = std::max(0.0, time_left());
     if (rest.max_iterations > 0)
       rest.max_iterations = std::max(0, rest.max_iterations - iterations_);
     if (rest.callback) {
       rest.callback = [this, before = iterations_, began = watch_.seconds(),
                        first = std::exchange(is_first_, false)](Progress progress) {
-        if (progress.iteration == 0 && !first) return !asked_to_stop_;
+        if (progress.iteration == 0 && !first) return !stop_.made();
         progress.iteration += before;
         progress.seconds += began;
-        asked_to_stop_ |= !options_.iteration.callback(progress);
-        return !asked_to_stop_;
+        return options_.iteration.callback(progress);
       };
     }
     return rest;
   }
 
   bool may_go_on() const {
-    return !asked_to_stop_ && keep_going_() && iterations_ < options_.iteration.max_iterations;
+    return !stop_.made() && keep_going_() && iterations_ < options_.iteration.max_iterations;
   }
-  /// Whether the callback has returned false.
-  bool asked_to_stop() const { return asked_to_stop_; }
+  const StopRequest& stop() const { return stop_; }
 
   /// Of all runs, and of what else was counted.
   int iterations() const { return iterations_; }
@@ -225,7 +226,8 @@ class SolveRun {
   }
 
   const MeasurementGraph& graph_;
-  const SolveOptions& options_;
+  const StopRequest stop_;
+  const SolveOptions options_;
   const GravityPairs gravity_;
   const Stopwatch watch_;
   const Components components_;
@@ -233,7 +235,7 @@ class SolveRun {
   std::vector<LowerBound> lower_bounds_;  ///< on the optimum of every component
   const std::function<bool()> keep_going_;
   int iterations_ = 0;  ///< of all runs
-  bool is_first_ = true, asked_to_stop_ = false;
+  bool is_first_ = true;
 };
 
 }  // namespace rotavg

@@ -38,6 +38,12 @@ struct SolveOptions {
   IterationOptions iteration;
 };
 
+/// @throws std::invalid_argument for a number out of range
+inline void check(const SolveOptions& options) {
+  check(options.iteration);
+  check(options.certificate);
+}
+
 struct Timings {
   double init = 0.0;
   double solve = 0.0;

@@ -15,10 +15,10 @@ namespace rotavg {
 /// Finds the rotations that fit the measurements best, and certifies them. In every component the
 /// first node has R = I.
 ///
-/// Where the method is left to choose, an answer that has converged but is refuted is not the end:
-/// if the start is left to choose as well, a second answer from the chordal start is computed; and
-/// if that is refuted, too, the staircase is climbed. The best rotations are returned, with the
-/// best bound.
+/// With Method::automatic, an answer that has converged but is refuted by its certificate is not
+/// the end: with Initialization::automatic (and no `start`), a second answer is computed from the
+/// chordal initial value; if that is refuted, too, the Riemannian staircase is climbed. The best
+/// rotations are returned, with the best bound.
 ///
 /// @param start an initial value to use instead of options.init (a warm start)
 /// @throws std::invalid_argument unless `start` holds a rotation for each node, for a tolerance or

@@ -169,8 +169,7 @@ inline Solution solve(SolveRun& run, std::optional<Rotations> start) {
       detail::climb_from(run, solution.rotations, solution);
     }
   }
-  const bool unfinished = solution.certificate.verdict == Verdict::not_certified;
-  if (run.asked_to_stop() && unfinished) solution.status = Status::stopped;
+  run.stop().tell(solution);
   return solution;
 }
 

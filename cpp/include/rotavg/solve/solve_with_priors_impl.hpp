@@ -17,6 +17,7 @@
 #include <rotavg/solve/solution.hpp>
 #include <rotavg/solve/solve_impl.hpp>
 #include <rotavg/solve/solve_with_priors.hpp>
+#include <rotavg/solve/stop_request.hpp>
 #include <rotavg/solve/stopwatch.hpp>
 
 #pragma GCC diagnostic push
@@ -120,7 +121,9 @@ ROTAVG_INLINE Solution solve(const GroundedGraph& problem, const SolveOptions& o
     solution.objective = objective(problem, solution.rotations);
     return solution;
   }
+  check(options);
   const Stopwatch watch;
+  const StopRequest stop;
   Solution first;
   if (start_is_solution && start) {
     first.rotations = checked_rotations(problem.given(), *std::move(start));
@@ -130,7 +133,7 @@ ROTAVG_INLINE Solution solve(const GroundedGraph& problem, const SolveOptions& o
         Rotations(static_cast<std::size_t>(problem.frames().num_variables), Matrix3::Identity()));
     first.components = components_without_world(problem);
   } else {
-    SolveOptions rough = options;
+    SolveOptions rough = stop.heeding(options);
     rough.certify = false;
     rough.iteration.tolerance = std::max(options.iteration.tolerance, 1e-6);
     first = detail::solve_measurements(
@@ -138,6 +141,7 @@ ROTAVG_INLINE Solution solve(const GroundedGraph& problem, const SolveOptions& o
           return solve(graph, rough, std::move(R));
         });
   }
+  if (stop.made()) first.status = Status::stopped;
   return detail::meet_priors(problem, first, options, watch);
 }
 

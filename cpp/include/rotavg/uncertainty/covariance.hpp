@@ -1,6 +1,8 @@
 #pragma once
 
 #include <functional>
+#include <stdexcept>
+#include <string>
 #include <vector>
 
 #include <rotavg/compiled.hpp>
@@ -49,6 +51,17 @@ struct NodePair {
   Index node;
 };
 
+/// @throws std::invalid_argument for a row that is not one of a node
+inline void check_pairs(const std::vector<NodePair>& pairs, Index num_nodes) {
+  for (const NodePair& pair : pairs) {
+    for (const Index node : {pair.base, pair.node}) {
+      if (node >= 0 && node < num_nodes) continue;
+      throw std::invalid_argument("a pair is of row " + std::to_string(node) +
+                                  ", and the graph has " + std::to_string(num_nodes) + " nodes");
+    }
+  }
+}
+
 /// How well the rotations of pairs of nodes are known relative to each other, if all edges are
 /// right but for small independent noise.
 ///
@@ -67,7 +80,10 @@ struct NodePair {
 ///
 /// @param R where f is stationary
 /// @param pairs each within one component
-/// @throws std::invalid_argument for a pair of two components
+/// @throws InvalidRotation for a matrix that is none, InvalidEdge for an information matrix that is
+///         not finite, symmetric and positive semidefinite
+/// @throws std::invalid_argument for a pair of two components or of a row that is not one of a
+///         node, for other numbers of matrices, and a negative noise variance
 /// @throws TooLarge if the factor and the inverse do not fit in memory
 ROTAVG_INLINE Covariances covariances(const MeasurementGraph& graph, const Rotations& R,
                                       const std::vector<NodePair>& pairs,

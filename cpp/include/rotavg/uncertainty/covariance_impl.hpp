@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <functional>
 #include <limits>
@@ -21,6 +22,8 @@
 #include <rotavg/linalg/memory.hpp>
 #include <rotavg/linalg/selected_inverse.hpp>
 #include <rotavg/parallel/threads.hpp>
+#include <rotavg/problem/check_precisions.hpp>
+#include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/reduction/gravity_pairs.hpp>
@@ -170,11 +173,36 @@ class ComponentCovariances {
   double scale_;
 };
 
-}  // namespace detail
+inline void check_noise(double variance) {
+  if (variance >= 0.0 && std::isfinite(variance)) return;
+  throw std::invalid_argument("the noise variance must be a number that is not negative");
+}
 
-ROTAVG_INLINE Covariances covariances(const MeasurementGraph& graph, const Rotations& R,
-                                      const std::vector<NodePair>& pairs,
-                                      const CovarianceOptions& options) {
+/// @throws InvalidEdge, std::invalid_argument for what cannot be
+inline CovarianceOptions checked(const MeasurementGraph& graph, CovarianceOptions options) {
+  check_noise(options.noise_variance);
+  if (!options.information.empty()) {
+    options.information = checked_precisions(graph.num_edges(), std::move(options.information),
+                                             "information matrices");
+  }
+  const auto turns = static_cast<Index>(options.free_turns.size());
+  const auto is_turn = [&](Index turn) { return turn >= -1 && turn < turns; };
+  const auto& turn_of = options.turn_of;
+  const bool fits = turn_of.empty() || static_cast<Index>(turn_of.size()) == graph.num_nodes();
+  if (!fits || !std::all_of(turn_of.begin(), turn_of.end(), is_turn)) {
+    throw std::invalid_argument("turn_of must have a free turn or -1 for each node");
+  }
+  for (const FreeTurn& turn : options.free_turns) {
+    if (turn.held >= 0 && turn.held < graph.num_nodes()) continue;
+    throw std::invalid_argument("a free turn holds a node that the graph does not have");
+  }
+  return options;
+}
+
+/// covariances() of what was checked; information matrices may be zero, of edges that know nothing.
+inline Covariances covariances_of_pairs(const MeasurementGraph& graph, const Rotations& R,
+                                        const std::vector<NodePair>& pairs,
+                                        const CovarianceOptions& options) {
   const Components components = connected_components(graph);
   std::vector<std::vector<Index>> chosen(components.nodes.size());
   for (std::size_t k = 0; k < pairs.size(); ++k) {
@@ -189,7 +217,7 @@ ROTAVG_INLINE Covariances covariances(const MeasurementGraph& graph, const Rotat
   const ResidualQuaternions residuals(graph, to_quaternions(R),
                                       resolve_num_threads(options.num_threads, graph.num_edges()));
   const GravityPairs none;
-  std::optional<detail::LogLinearization> anisotropic;
+  std::optional<LogLinearization> anisotropic;
   if (!options.information.empty()) {
     anisotropic.emplace(LogObjective(graph, options.information, none), R);
   }
@@ -197,13 +225,23 @@ ROTAVG_INLINE Covariances covariances(const MeasurementGraph& graph, const Rotat
   result.pairs.assign(pairs.size(), Matrix3::Zero());
   for (Index c = 0; c < components.size(); ++c) {
     if (chosen[c].empty() || components.nodes[c].size() < 2) continue;
-    result.status = detail::ComponentCovariances(residuals, components, c,
-                                                 anisotropic ? &*anisotropic : nullptr, options)(
+    result.status = ComponentCovariances(residuals, components, c,
+                                         anisotropic ? &*anisotropic : nullptr, options)(
         pairs, std::move(chosen[c]), options.keep_going, result.pairs);
     if (result.status != CovarianceStatus::computed) return result;
   }
   result.status = CovarianceStatus::computed;
   return result;
+}
+
+}  // namespace detail
+
+ROTAVG_INLINE Covariances covariances(const MeasurementGraph& graph, const Rotations& R,
+                                      const std::vector<NodePair>& pairs,
+                                      const CovarianceOptions& options) {
+  check_pairs(pairs, graph.num_nodes());
+  return detail::covariances_of_pairs(graph, checked_rotations(graph, R), pairs,
+                                      detail::checked(graph, options));
 }
 
 }  // namespace rotavg

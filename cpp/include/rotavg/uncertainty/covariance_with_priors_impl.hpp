@@ -9,6 +9,7 @@
 
 #include <rotavg/compiled.hpp>
 #include <rotavg/graph/components.hpp>
+#include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/reduction/prior_precisions.hpp>
 #include <rotavg/so3/lie.hpp>
@@ -51,9 +52,11 @@ inline std::vector<Matrix3> information_of_edges(const GroundedGraph& problem,
 }
 
 /// @param pairs of variables
-inline Covariances covariances_of_variables(const GroundedGraph& problem, const Rotations& R,
+inline Covariances covariances_of_variables(const GroundedGraph& problem, const Rotations& given,
                                             const std::vector<NodePair>& pairs,
                                             CovarianceOptions options) {
+  const Rotations R = checked_rotations(problem.given(), given);
+  check_noise(options.noise_variance);
   if (!options.information.empty()) {
     options.information = detail::information_of_edges(
         problem, {std::move(options.information), options.prior_information},
@@ -68,7 +71,7 @@ inline Covariances covariances_of_variables(const GroundedGraph& problem, const 
     held[turn] = true;
     options.free_turns.push_back({v, problem.priors().down});
   }
-  return covariances(problem.graph(), problem.variables_from(R), pairs, options);
+  return covariances_of_pairs(problem.graph(), problem.variables_from(R), pairs, options);
 }
 
 }  // namespace detail
@@ -76,14 +79,9 @@ inline Covariances covariances_of_variables(const GroundedGraph& problem, const 
 ROTAVG_INLINE Covariances covariances(const GroundedGraph& problem, const Rotations& R,
                                       const std::vector<NodePair>& pairs,
                                       const CovarianceOptions& options) {
+  check_pairs(pairs, problem.given().num_nodes());
   std::vector<NodePair> variables;
   for (const NodePair& pair : pairs) {
-    for (const Index node : {pair.base, pair.node}) {
-      if (node >= 0 && node < problem.given().num_nodes()) continue;
-      throw std::invalid_argument("a pair is of row " + std::to_string(node) +
-                                  ", and the graph has " +
-                                  std::to_string(problem.given().num_nodes()) + " nodes");
-    }
     variables.push_back(
         {problem.riding().variable[pair.base], problem.riding().variable[pair.node]});
   }
