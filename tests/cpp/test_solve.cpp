@@ -167,32 +167,53 @@ TEST_CASE("once a callback has returned false it is not called again, whatever i
     priors.gravity.push_back({node, random.direction(), 1.0});
     rigs.images.push_back({node, node / 2, node % 2});
   }
+  Rigs calibrated = rigs;
+  calibrated.known = {{0, Matrix3::Identity()}, {1, exp_so3({0.0, 0.3, 0.0})}};
+  const RobustOptions cauchy = [] {
+    RobustOptions robust;
+    robust.loss = Loss::cauchy;
+    return robust;
+  }();
   using Call = std::function<Solution(const SolveOptions&)>;
   const std::vector<Call> calls = {
       [&](const SolveOptions& o) { return solve(graph, o); },
       [&](const SolveOptions& o) { return solve(graph, priors, o); },
       [&](const SolveOptions& o) { return solve(anisotropic, o); },
+      [&](const SolveOptions& o) { return Solution(solve_rigs(graph, rigs, {}, o)); },
+      [&](const SolveOptions& o) { return Solution(solve_rigs(graph, calibrated, {}, o)); },
       [&](const SolveOptions& o) { return Solution(solve_robust(graph, o)); },
       [&](const SolveOptions& o) { return Solution(solve_robust(graph, priors, o)); },
-      [&](const SolveOptions& o) {
-        return Solution(solve_rigs(graph, rigs, {}, o, RobustOptions()));
-      },
+      [&](const SolveOptions& o) { return Solution(solve_rigs(graph, rigs, {}, o, cauchy)); },
   };
   for (std::size_t which = 0; which < calls.size(); ++which) {
     CAPTURE(which);
-    int told = 0;
-    SolveOptions options;
-    options.iteration.callback = [&](const Progress&) { return ++told > 0; };
-    calls[which](options);
-    const int all = told;
-    for (int stop = 1; stop < all; stop += 1 + all / 40) {
-      CAPTURE(stop);
-      told = 0;
-      options.iteration.callback = [&](const Progress&) { return ++told != stop; };
-      const Solution solution = calls[which](options);
-      CHECK(told == stop);
-      const bool proved = solution.certificate.verdict == Verdict::proved;
-      if (!proved) CHECK(solution.status == Status::stopped);
+    for (const bool certify : {true, false}) {
+      CAPTURE(certify);
+      int told = 0;
+      SolveOptions options;
+      options.certify = certify;
+      options.iteration.callback = [&](const Progress&) { return ++told > 0; };
+      calls[which](options);
+      const int all = told;
+      const auto stopped_at = [&](int stop) {
+        told = 0;
+        options.iteration.callback = [&](const Progress&) { return ++told != stop; };
+        const Solution solution = calls[which](options);
+        CHECK(told == stop);
+        return solution;
+      };
+      for (int stop = 1; stop < all; stop += 1 + all / 40) {
+        CAPTURE(stop);
+        const Solution solution = stopped_at(stop);
+        const bool proved = solution.certificate.verdict == Verdict::proved;
+        if (!proved) CHECK(solution.status == Status::stopped);
+      }
+      // Nothing was to follow, but of sensors that are found (a bound, and weights made anew), and
+      // where no proof may mean another run.
+      const Solution last = stopped_at(all);
+      const bool unproved = last.certificate.verdict != Verdict::proved;
+      const bool more = which == 7 || (certify && (which == 3 || unproved));
+      CHECK(last.status == (more ? Status::stopped : Status::gradient_converged));
     }
   }
 }

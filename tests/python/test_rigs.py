@@ -240,6 +240,31 @@ def test_sensors_that_never_see_the_same_are_found_among_few_frames(with_gravity
         assert sensors_off(solution, dict(enumerate(C))) < 1e-6, seed
 
 
+def test_sensors_that_never_see_the_same_are_found_behind_wrong_edges() -> None:
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        frames, sensors = 6, 2
+        turns = matrices_from_rotvecs(2 * rng.normal(size=(frames, 3)))
+        C = matrices_from_rotvecs(rng.normal(size=(sensors, 3)))
+        C[0] = np.eye(3)
+        truth = np.array([turns[k // sensors] @ C[k % sensors] for k in range(frames * sensors)])
+        pairs = [
+            (sensors * f + s, sensors * g + s)
+            for s in range(sensors)
+            for f in range(frames)
+            for g in range(f + 1, frames)
+        ]
+        i, j = np.array(pairs).T
+        R = np.swapaxes(truth[i], 1, 2) @ truth[j]
+        R = R @ matrices_from_rotvecs(0.002 * rng.normal(size=(len(pairs), 3)))
+        for wrong in (3, 20):
+            R[wrong] = matrices_from_rotvecs(2 * rng.normal(size=3))
+        graph = rotavg.MeasurementGraph(pairs, R)
+        rigs = rotavg.Rigs({k: (k // sensors, k % sensors) for k in range(len(truth))})
+        solution = rotavg.solve(graph, priors=rotavg.Priors(rigs=rigs), loss="auto")
+        assert sensors_off(solution, dict(enumerate(C))) < 0.05, seed
+
+
 @pytest.mark.parametrize("with_gravity", [False, True])
 def test_without_noise_frames_and_sensors_are_proved_together(with_gravity: bool) -> None:
     for seed in range(100):

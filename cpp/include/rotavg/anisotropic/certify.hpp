@@ -30,7 +30,9 @@ ROTAVG_INLINE Certificate certify(const AnisotropicGraph& graph, const Rotations
                                   const std::vector<LowerBound>& known = {});
 
 /// The same for rotations that anybody found.
-/// @throws std::invalid_argument unless `given` holds a rotation for each node
+/// @throws InvalidRotation for a matrix that is none
+/// @throws std::invalid_argument unless `given` holds one for each node, and for an option out of
+///         range
 ROTAVG_INLINE Certificate certify(const AnisotropicGraph& graph, const Rotations& given,
                                   const CertificateOptions& options = {});
 

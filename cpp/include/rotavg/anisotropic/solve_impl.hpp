@@ -47,7 +47,7 @@ class AnisotropicRun : private AnisotropicDescent {
         is_refuted(solution)) {
       climb(solution.rotations, solution);
     }
-    stop_.tell(solution);
+    stop_.tell(solution, chooses());
     return solution;
   }
 

@@ -38,7 +38,9 @@ ROTAVG_INLINE Certificate certify(const GroundedGraph& problem,
 /// between R_i d and g. What rides on a frame or on the world turns its precision with it.
 ///
 /// @param start one rotation for each given node, in the world of the priors
-/// @throws std::invalid_argument unless there is a precision for each given measurement
+/// @throws InvalidEdge for a precision that is not finite, symmetric and positive semidefinite
+/// @throws InvalidRotation, std::invalid_argument unless there is a precision for each given
+///         measurement and a rotation for each node
 ROTAVG_INLINE IterationResult refine_anisotropic(const GroundedGraph& problem,
                                                  const GroundedPrecisions& precisions,
                                                  const Rotations& start,

@@ -31,14 +31,14 @@ inline double anisotropic_cost(const Matrix3& R_i, const Matrix3& i_from_j, cons
                                const Matrix3& H) {
   const Matrix3 error = transposed_product(product(R_i, i_from_j), R_j);
   const Vector3 v = vector_part(to_quaternion(error).coeffs());
-  return 4.0 * dot(v, product(H, v));
+  return std::max(4.0 * dot(v, product(H, v)), 0.0);
 }
 
 /// r^T H r of an edge.
 inline double log_cost(const Matrix3& R_i, const Matrix3& i_from_j, const Matrix3& R_j,
                        const Matrix3& H) {
   const Vector3 r = log_so3(transposed_product(product(R_i, i_from_j), R_j));
-  return dot(r, product(H, r));
+  return std::max(dot(r, product(H, r)), 0.0);
 }
 
 /// What absolute priors and gravity cost, node by node: add(node, cost, tr(H)).

@@ -33,7 +33,9 @@ ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations
 /// Certifies rotations, whether a solver of this library found them or not.
 ///
 /// @param given world_from_i, one rotation per node
-/// @throws std::invalid_argument unless `given` holds a rotation for each node
+/// @throws InvalidRotation for a matrix that is none
+/// @throws std::invalid_argument unless `given` holds one for each node, and for an option out of
+///         range
 ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations& given,
                                   const CertificateOptions& options = {});
 

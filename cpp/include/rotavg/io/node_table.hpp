@@ -216,11 +216,17 @@ inline NodeTable<GravityPrior> read_gravity(const Source& source, double weight 
 }
 
 /// Gravity as GLOMAP reads it.
+/// @throws std::invalid_argument for a name that would not come back as it is
 inline std::string to_gravity_text(const std::vector<GravityPrior>& gravity,
                                    const NodeIds& ids = {}) {
   std::string text;
   for (const GravityPrior& prior : gravity) {
-    text += ids.name(prior.node);
+    const std::string name = ids.name(prior.node);
+    if (name.empty() || name.find_first_of(" \t\r\n\v\f,#") != name.npos) {
+      throw std::invalid_argument("found a node of the name '" + name +
+                                  "', expected no blank, comma or # in it");
+    }
+    text += name;
     for (int k = 0; k < 3; ++k) append_number(text += ' ', prior.down(k));
     text += '\n';
   }

@@ -14,8 +14,7 @@ struct OnlineComponent {
   double objective = 0.0;    ///< of the edges of the core: the others are met
   double drift = 0.0;        ///< what rounding can have made of the sum
   double weight = 0.0;       ///< of all edges in use
-  /// The lightest of them, or less; infinite where it is to be looked for.
-  double lightest = std::numeric_limits<double>::infinity();
+  double lightest = std::numeric_limits<double>::infinity();  ///< of them, about; or less
   double counted = 0.0;      ///< their weight as the floor of the relative gap counts it
   double lower_bound = 0.0;  ///< f* is not below it
   double gap = 0.0;
@@ -23,6 +22,7 @@ struct OnlineComponent {
   double gained = 0.0;   ///< the same one step earlier; 0 before there was one
   bool has_converged = true;
   bool is_touched = false;
+  bool is_counted = true;    ///< whether `lightest` and `counted` are of the edges of now
   Index no_solve_below = 0;  ///< edges: where solve() did not prove it, it is not asked again soon
   Index num_edges = 0;
 };

@@ -38,16 +38,17 @@ inline void count_weights(OnlineComponent& component, const GrowingGraph& graph)
   component.lightest = std::numeric_limits<double>::infinity();
   for_each_weight([&](double w) { component.lightest = std::min(component.lightest, w); });
   component.counted = 0.0;
+  component.is_counted = true;
   for_each_weight(
       [&](double w) { component.counted += detail::counted_weight(w, component.lightest); });
 }
 
-/// An edge, which has the weight `now` in the graph, had another one; zero where it is not used.
-inline void change_weight(OnlineComponent& component, const GrowingGraph& graph, double old,
-                          double now) {
-  constexpr double much = 0.5;  // lighter, or all are counted again and again
+/// An edge has another weight; zero where it is not used.
+inline void change_weight(OnlineComponent& component, double old, double now) {
+  constexpr double much = 0.5;  // lighter, or all would be counted again and again
   component.weight = std::max(component.weight + (now - old), 0.0);
-  if (now > 0.0 && now < much * component.lightest) return count_weights(component, graph);
+  if (now > 0.0 && now < much * component.lightest) component.is_counted = false;
+  if (!component.is_counted) return;
   const double change = detail::counted_weight(now, component.lightest) -
                         detail::counted_weight(old, component.lightest);
   component.counted = std::max(component.counted + change, 0.0);
@@ -58,12 +59,7 @@ inline void add_sums(OnlineComponent& component, const OnlineComponent& other) {
   component.objective += other.objective;
   component.drift += other.drift + 2.0 * unit_roundoff * component.objective;
   component.weight += other.weight;
-  component.counted += other.counted;
-  if (component.num_edges == 0) {
-    component.lightest = other.lightest;
-  } else if (other.num_edges > 0 && other.lightest != component.lightest) {
-    component.lightest = std::numeric_limits<double>::infinity();  // with the edge that joins them
-  }
+  if (other.num_edges > 0) component.is_counted = false;
   component.num_edges += other.num_edges;
   component.lower_bound += other.lower_bound;
   component.lower_bound -= 2.0 * unit_roundoff * component.lower_bound;

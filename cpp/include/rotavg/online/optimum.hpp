@@ -136,6 +136,7 @@ class OnlineOptimum {
   }
 
   void take_bound(OnlineComponent& component) {
+    if (!component.is_counted) count_weights(component, tended_.graph());
     if (component.num_edges == 0) {
       component.objective = component.drift = component.weight = component.counted = 0.0;
     }

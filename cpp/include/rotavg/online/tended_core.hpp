@@ -54,7 +54,7 @@ class TendedCore {
       set_in_core(k);
     }
     OnlineComponent& component = component_of(e.i);
-    change_weight(component, graph(), 0.0, weight);
+    change_weight(component, 0.0, weight);
     ++component.num_edges;
     component.is_touched = true;
   }
@@ -65,7 +65,7 @@ class TendedCore {
     const Index i = graph().edge(k).i, j = graph().edge(k).j;
     const bool was_in_core = graph().edge(k).in_core;
     OnlineComponent& component = component_of(i);
-    change_weight(component, graph(), weight, 0.0);
+    change_weight(component, weight, 0.0);
     --component.num_edges;
     component.is_touched = true;
     lower_weight(component, weight);
@@ -95,7 +95,7 @@ class TendedCore {
     component.is_touched = true;
     if (weight < old) lower_weight(component, old - weight);
     core.graph().set_weight(k, weight);
-    change_weight(component, graph(), old, weight);
+    change_weight(component, old, weight);
     if (!graph().edge(k).in_core) return;
     update_edge(k);
     touch(graph().edge(k).i);

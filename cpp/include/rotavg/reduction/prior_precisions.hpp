@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <stdexcept>
 #include <vector>
 
 #include <rotavg/problem/check_precisions.hpp>
@@ -28,7 +29,8 @@ struct GroundedPrecisions {
 ///
 /// @param of_second the share of the second edges
 /// @throws InvalidEdge for a precision that is not finite, symmetric and positive semidefinite
-/// @throws std::invalid_argument unless there is one for each given measurement
+/// @throws std::invalid_argument unless there is one for each given measurement, and for a
+///         precision of priors that is negative or no number
 inline std::vector<Matrix3> precisions_of_edges(const GroundedGraph& problem,
                                                 const GroundedPrecisions& precisions,
                                                 double of_second = 0.5) {
@@ -36,6 +38,11 @@ inline std::vector<Matrix3> precisions_of_edges(const GroundedGraph& problem,
   const auto& edges = problem.graph().edges();
   const std::vector<Matrix3> measured =
       checked_precisions(problem.given().num_edges(), precisions.measurements, "precisions");
+  if (!(precisions.prior >= 0.0 && precisions.prior <= max_weight)) {
+    throw std::invalid_argument("found " + six_digits(precisions.prior) +
+                                " for the precision of priors; expected a number between 0 and " +
+                                six_digits(max_weight));
+  }
   std::vector<Matrix3> result;
   result.reserve(edges.size());
   for (const Index k : problem.kept()) {

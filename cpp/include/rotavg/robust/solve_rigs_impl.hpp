@@ -184,6 +184,7 @@ void start_across_parts(const MeasurementGraph& graph, const RigLayout& layout,
   const int max_starts = static_cast<int>(std::clamp<Index>(300 / layout.num_frames(), 1, 50));
   constexpr int enough = 5;
   constexpr double same = 1e-6, exact = 1e-14, near = 1.5;
+  take_weights(solution, images);
   const double alone = objective(images, solution.rotations);
   std::mt19937_64 generator(0x5eed);
   const RigEstimate given = estimate;
@@ -201,6 +202,9 @@ void start_across_parts(const MeasurementGraph& graph, const RigLayout& layout,
     tried.rotations = solve(held, rough).rotations;
     refine_sensors(graph, layout, priors, solution, images, left().iteration, tried);
     const double f = objective(images, tried.rotations);
+    const IterationOptions limits = left().iteration;
+    const bool interrupted = limits.keep_going && !limits.keep_going();
+    if (k > 0 && interrupted) break;
     const double none = exact * images.graph().total_weight();
     if (k == 0 || f < (1.0 - same) * least - none) {
       estimate = std::move(tried);
@@ -209,7 +213,7 @@ void start_across_parts(const MeasurementGraph& graph, const RigLayout& layout,
     } else if (f <= (1.0 + same) * least + none) {
       ++met;
     }
-    if (least <= near * alone + none || left().iteration.time_limit <= 0.0) break;
+    if (least <= near * alone + none || interrupted || limits.time_limit <= 0.0) break;
   }
 }
 
@@ -318,7 +322,8 @@ ROTAVG_INLINE RigSolution solve_rigs(const MeasurementGraph& graph, const Rigs& 
     start = refined.rotations;
     solution.rigs = std::move(refined);
   }
-  if (stop.made()) solution.status = Status::stopped;
+  const bool more = layout.any_estimated() && (robust || options.certify);
+  if (stop.made() && more) solution.status = Status::stopped;
   if (options.certify && layout.any_estimated() && solution.status != Status::stopped) {
     detail::take_weights(solution, images);
     rest.iteration.callback = nullptr;

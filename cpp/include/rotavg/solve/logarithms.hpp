@@ -118,7 +118,7 @@ class LogObjective {
     switch (kind_[k]) {
       case Kind::edge: {
         const Vector3 r = log_residual(graph_.edges()[k], R);
-        return dot(r, product(information_[k], r));
+        return std::max(dot(r, product(information_[k], r)), 0.0);  // it may be singular
       }
       case Kind::gravity:
       case Kind::gravity_of_free_heading: {
@@ -139,7 +139,7 @@ class LogObjective {
     const Matrix3 A = product_transposed(inverse_right_jacobian(r), R[e.j]);
     const Vector3 pull = product(information_[k], r), g = product(transposed(A), pull);
     Term term;
-    term.cost = dot(r, pull);
+    term.cost = std::max(dot(r, pull), 0.0);
     term.gradient = 2.0 * g;
     term.hessian = transposed_product(A, product(information_[k], A));
     term.hessian *= 2.0;

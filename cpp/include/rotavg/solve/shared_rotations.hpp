@@ -49,16 +49,16 @@ namespace detail {
 /// g^T (w x d) / 2, which need not vanish where their sums do.
 ///
 /// @param frame (n,) Q_v(i) K_i
+/// @param gradients (n, 3) of the nodes
 /// @param p, Hp (variables + shared, 3)
 inline void add_commutators(const SharedRiding& problem, const Rotations& frame,
-                            const ResidualQuaternions& residuals, const NodeVectors& p,
-                            NodeVectors& Hp) {
+                            const NodeVectors& gradients, const NodeVectors& p, NodeVectors& Hp) {
   for (std::size_t i = 0; i < frame.size(); ++i) {
     if (problem.shared[i] < 0) continue;
     const Index v = problem.riding.variable[i],
                 s = problem.riding.num_variables + problem.shared[i];
     const Vector3 w = p.row(v), d = frame[i] * p.row(s).transpose();
-    const Matrix3 half_g = 0.5 * hat(residuals.gradient(static_cast<Index>(i)));
+    const Matrix3 half_g = 0.5 * hat(row_of(gradients, static_cast<Index>(i)));
     Hp.row(v) -= (half_g * d).transpose();
     Hp.row(s) += (frame[i].transpose() * (half_g * w)).transpose();
   }
@@ -102,11 +102,11 @@ inline SharedResult refine_shared(const MeasurementGraph& graph, const SharedRid
   SharedResult result;
   Rotations frame = problem.riding.nodes_from(Q);
   ResidualQuaternions residuals(graph, to_quaternions(problem.nodes_from(Q, C)), num_threads);
-  NodeVectors of_nodes(n, 3), H_w(n, 3), g;
+  NodeVectors gradients(n, 3), of_nodes(n, 3), H_w(n, 3), g;
   TruncatedCg<NodeVectors> newton_direction;
   for (;; ++result.iterations) {
-    for (Index i = 0; i < n; ++i) of_nodes.row(i) = residuals.gradient(i).transpose();
-    metric.gather(frame, of_nodes, g);
+    for (Index i = 0; i < n; ++i) gradients.row(i) = residuals.gradient(i).transpose();
+    metric.gather(frame, gradients, g);
     result.relative_gradient = 0.0;
     for (Index k = 0; k < V + S; ++k) {
       if (degrees(k) == 0.0) continue;
@@ -122,7 +122,7 @@ inline SharedResult refine_shared(const MeasurementGraph& graph, const SharedRid
           metric.scatter(frame, p, of_nodes);
           apply_hessian(residuals, of_nodes, H_w);
           metric.gather(frame, H_w, Hp);
-          detail::add_commutators(problem, frame, residuals, p, Hp);
+          detail::add_commutators(problem, frame, gradients, p, Hp);
         },
         [&](const NodeVectors& r, NodeVectors& z) { metric.apply(r, z); });
     const double f = residuals.objective();

@@ -169,7 +169,7 @@ inline Solution solve(SolveRun& run, std::optional<Rotations> start) {
       detail::climb_from(run, solution.rotations, solution);
     }
   }
-  run.stop().tell(solution);
+  run.stop().tell(solution, automatic || options.method == Method::staircase);
   return solution;
 }
 

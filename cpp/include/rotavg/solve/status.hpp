@@ -9,7 +9,7 @@ enum class Status {
   step_converged,      ///< the paper's rule: the relative step is below the tolerance
   iteration_limit,     ///< stopped at the iteration limit, before convergence
   time_limit,          ///< stopped at the time limit, before convergence
-  stopped,             ///< stopped by the callback, before convergence
+  stopped,             ///< by the callback, before convergence or before a run that was to follow
 };
 
 /// Whether the solver met its stopping rule.

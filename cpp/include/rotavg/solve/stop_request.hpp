@@ -27,11 +27,12 @@ class StopRequest {
   /// Whether it has.
   bool made() const { return *made_; }
 
-  /// Tells of it what is not finished: another run might have followed.
-  void tell(Solution& solution) const {
-    if (made() && solution.certificate.verdict == Verdict::not_certified) {
-      solution.status = Status::stopped;
-    }
+  /// Tells of it what it has cut short.
+  /// @param chooses whether another run would have followed where this one is not certified
+  void tell(Solution& solution, bool chooses) const {
+    const bool is_done = is_converged(solution.status) &&
+                         !(chooses && solution.certificate.verdict == Verdict::not_certified);
+    if (made() && !is_done) solution.status = Status::stopped;
   }
 
  private:

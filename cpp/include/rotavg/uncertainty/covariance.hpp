@@ -83,7 +83,8 @@ inline void check_pairs(const std::vector<NodePair>& pairs, Index num_nodes) {
 /// @throws InvalidRotation for a matrix that is none, InvalidEdge for an information matrix that is
 ///         not finite, symmetric and positive semidefinite
 /// @throws std::invalid_argument for a pair of two components or of a row that is not one of a
-///         node, for other numbers of matrices, and a negative noise variance
+///         node, for other numbers of matrices or turns, and a noise variance that is negative or
+///         not finite
 /// @throws TooLarge if the factor and the inverse do not fit in memory
 ROTAVG_INLINE Covariances covariances(const MeasurementGraph& graph, const Rotations& R,
                                       const std::vector<NodePair>& pairs,

@@ -15,8 +15,7 @@ class GroundedGraph;
 ///
 /// @param R (n,) world_from_i where the objective is stationary
 /// @param options its free turns are those that gravity leaves, whatever it holds
-/// @throws as covariances() of a graph, and std::invalid_argument for a row that is not one of a
-///         node
+/// @throws InvalidRotation, InvalidEdge, std::invalid_argument as covariances() of a graph
 ROTAVG_INLINE Covariances covariances(const GroundedGraph& problem, const Rotations& R,
                                       const std::vector<NodePair>& pairs,
                                       const CovarianceOptions& options = {});
