@@ -1,8 +1,8 @@
 """CSV: text with commas, and quotes around names that need them; pose family if not told otherwise.
 
-The columns are those of `text`. A name with a blank, a comma, a semicolon, a quote or # in it stands
-between double quotes, where "" is a quote (RFC 4180). Lines that begin with # are comments where they are
-read; none is written, as most programs take the first line for the header.
+The columns are those of `text`. A name with a blank, a comma, a semicolon, a quote or # in it
+stands between double quotes, where "" is a quote (RFC 4180). Lines that begin with # are comments
+where they are read; none is written, as most programs take the first line for the header.
 """
 
 from __future__ import annotations
