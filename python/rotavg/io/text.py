@@ -3,8 +3,8 @@
     i j qx qy qz qw [weight] [cxx cxy cxz cyy cyz czz]
 
 The fields are separated by white space, commas or semicolons, # begins a comment, and the first
-line may be a header of these words. R_ij = i_from_j, so that R_i R_ij = R_j with R_i = world_from_i.
-Node ids are integers if all of them are, names otherwise ("007" is a name);
+line may be a header of these words. R_ij = i_from_j, so that R_i R_ij = R_j with
+R_i = world_from_i. Node ids are integers if all of them are, names otherwise ("007" is a name);
 names that all look like integers therefore come back as integers. Names with blanks, commas,
 semicolons or # need quotes and therefore a CSV file, see `csv_text`.
 A solution is written as `id qx qy qz qw`, world_from_id, and of several components with the number
