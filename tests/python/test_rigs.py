@@ -165,13 +165,18 @@ def test_several_rigs_and_gravity() -> None:
     assert scene.error(solution) < 1
 
 
+def random_truth(rng: np.random.Generator, frames: int, sensors: int) -> tuple[Array, Array]:
+    """Of images, sensor k % sensors in frame k // sensors, and of the sensors, the first at I."""
+    turns = matrices_from_rotvecs(2 * rng.normal(size=(frames, 3)))
+    C = matrices_from_rotvecs(rng.normal(size=(sensors, 3)))
+    C[0] = np.eye(3)
+    return (turns[:, None] @ C).reshape(-1, 3, 3), C
+
+
 def test_with_gravity_sensors_and_frames_converge() -> None:
     for seed in (1685, *range(60)):
         rng = np.random.default_rng(seed)
-        turns = matrices_from_rotvecs(2 * rng.normal(size=(3, 3)))
-        C = matrices_from_rotvecs(rng.normal(size=(3, 3)))
-        C[0] = np.eye(3)
-        truth = np.array([turns[k // 3] @ C[k % 3] for k in range(9)])
+        truth, _ = random_truth(rng, 3, 3)
         i = rng.integers(0, 9, 24)
         j = (i + 1 + rng.integers(0, 8, 24)) % 9
         noise = matrices_from_rotvecs(0.2 * rng.normal(size=(24, 3)))
@@ -192,12 +197,9 @@ def test_with_gravity_sensors_and_frames_converge() -> None:
 def test_with_much_noise_and_weights_far_apart_sensors_and_frames_converge() -> None:
     for seed in (99, 105, 189, 199, *range(3000, 3030)):
         rng = np.random.default_rng(seed)
-        frames, sensors = rng.integers(2, 9), rng.integers(2, 6)
-        turns = matrices_from_rotvecs(2 * rng.normal(size=(frames, 3)))
-        C = matrices_from_rotvecs(rng.normal(size=(sensors, 3)))
-        C[0] = np.eye(3)
-        n = int(frames * sensors)
-        truth = np.array([turns[k // sensors] @ C[k % sensors] for k in range(n)])
+        frames, sensors = int(rng.integers(2, 9)), int(rng.integers(2, 6))
+        truth, _ = random_truth(rng, frames, sensors)
+        n = len(truth)
         i = rng.integers(0, n, 2 * n)
         j = (i + 1 + rng.integers(0, n - 1, 2 * n)) % n
         noise = matrices_from_rotvecs(0.5 * rng.normal(size=(2 * n, 3)))
@@ -216,10 +218,7 @@ def test_sensors_that_never_see_the_same_are_found_among_few_frames(with_gravity
     for seed in range(60):
         rng = np.random.default_rng(seed)
         frames, sensors = int(rng.integers(4, 9)), int(rng.integers(2, 5))
-        turns = matrices_from_rotvecs(2 * rng.normal(size=(frames, 3)))
-        C = matrices_from_rotvecs(rng.normal(size=(sensors, 3)))
-        C[0] = np.eye(3)
-        truth = np.array([turns[k // sensors] @ C[k % sensors] for k in range(frames * sensors)])
+        truth, C = random_truth(rng, frames, sensors)
         pairs = [
             (sensors * f + s, sensors * g + s)
             for s in range(sensors)
@@ -244,10 +243,7 @@ def test_sensors_that_never_see_the_same_are_found_behind_wrong_edges() -> None:
     for seed in range(12):
         rng = np.random.default_rng(seed)
         frames, sensors = 6, 2
-        turns = matrices_from_rotvecs(2 * rng.normal(size=(frames, 3)))
-        C = matrices_from_rotvecs(rng.normal(size=(sensors, 3)))
-        C[0] = np.eye(3)
-        truth = np.array([turns[k // sensors] @ C[k % sensors] for k in range(frames * sensors)])
+        truth, C = random_truth(rng, frames, sensors)
         pairs = [
             (sensors * f + s, sensors * g + s)
             for s in range(sensors)
