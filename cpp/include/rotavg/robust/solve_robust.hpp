@@ -41,7 +41,7 @@ struct PriorVerdicts {
 /// `gradient_norm` and the certificate are those of the graph with `edge_weights`.
 struct RobustSolution : Solution {
   RobustLoss loss;     ///< with the scale that was used
-  double noise = 0.0;  ///< estimated standard deviation of the noise angle, radians
+  double noise = 0.0;  ///< estimated standard deviation of the noise angle, radians; from 1e-4 on
   /// Of outliers, radians: 3 times the noise, and no less than a scale within which at least half
   /// of the weight is left; of Loss::tls the scale; pi with Loss::l2, which has none.
   double threshold = 0.0;
