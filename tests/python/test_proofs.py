@@ -121,7 +121,7 @@ def test_what_a_robust_loss_leaves_next_to_no_weight_is_proved() -> None:
         ("leftover", {"relative_gap": 1.8e-6}, "optimal to a relative 1.8e-06; the tolerance is"),
         ("negative", {"relative_gap": 0.5}, "a better answer may exist, by a relative 0.5 at most"),
         ("negative", {"relative_gap": 1.0}, "not certified: a better answer may exist"),
-        ("relaxation", {"relative_gap": 0.01}, "optimal to a relative 0.01; the relaxation lies"),
+        ("relaxation", {"relative_gap": 0.01}, "optimal to a relative 0.01; the relaxation is"),
         ("stopped", {}, "not certified: the work was stopped before the proof"),
         ("undecided", {}, "nothing was proved, and nothing refuted"),
     ],
