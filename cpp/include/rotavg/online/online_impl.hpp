@@ -37,10 +37,8 @@ class OnlineEngine {
     require(options.certificate_tolerance >= 0.0,
             "the certificate's tolerance must be a number that is not negative");
     require(options.loss != Loss::automatic, "the loss auto is none of those for online use");
-    constexpr double least_scale = 1e-6, pi = 3.141592653589793;
-    require(
-        options.loss == Loss::l2 || (options.loss_scale >= least_scale && options.loss_scale <= pi),
-        "a robust loss online needs its scale, radians between 1e-6 and pi");
+    require(options.loss == Loss::l2 || is_loss_scale(options.loss_scale),
+            "a robust loss online needs its scale, radians between 1e-6 and pi");
   }
 
   std::vector<Index> add(const std::vector<RelativeRotation>& edges,

@@ -111,6 +111,12 @@ struct RobustLoss {
   double outer() const { return std::isinf(mu) ? 1.0 : (mu + 1.0) / mu; }
 };
 
+/// Whether a scale that was given, radians, is one.
+inline bool is_loss_scale(double scale) {
+  constexpr double least = 1e-6, pi = 3.141592653589793;
+  return scale >= least && scale <= pi;
+}
+
 /// Of edge k, where an empty vector stands for precisions of 1.
 inline double precision_of(const std::vector<double>& precision, std::size_t k) {
   return precision.empty() ? 1.0 : precision[k];

@@ -117,9 +117,9 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   constexpr double l1_scale = 0.01, outlier_noises = 3.0;
   constexpr double l1_gain = 1e-4, loss_gain = 1e-5;
   constexpr int l1_limit = 60, brief_limit = 30, loss_limit = 500;
-  constexpr double least_scale = 1e-6, pi = 3.141592653589793;
+  constexpr double pi = 3.141592653589793;
   check(options);
-  if (robust.scale != 0.0 && !(robust.scale >= least_scale && robust.scale <= pi)) {
+  if (robust.scale != 0.0 && !is_loss_scale(robust.scale)) {
     throw std::invalid_argument("found the scale " + six_digits(robust.scale) +
                                 "; expected radians between 1e-6 and pi, or 0: from the noise");
   }
