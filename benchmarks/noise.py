@@ -29,6 +29,7 @@ GRAPHS: dict[str, tuple[str, int, dict[str, float]]] = {
         for n in (200, 1000, 5000)
         for degree in (4, 8, 30)
     },
+    "erdos_renyi-20000-6": ("erdos_renyi", 20000, {"density": 6 / 19999}),
     "sphere": ("sphere", 1000, {}),
     "grid": ("grid", 1024, {}),
     "cycle": ("cycle", 1000, {}),

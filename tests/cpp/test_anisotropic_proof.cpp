@@ -126,6 +126,13 @@ TEST_CASE("what is taken from firm edges, and M for a start at random, are parts
     expected += kappa * d.dot(W * d);
   }
   CHECK(x.dot(S.apply(x).col(0) - less.apply(x).col(0)) == doctest::Approx(expected));
+  // S >= L_W - t diag(scale), L_W that of the firm edges.
+  const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(S.size(), S.size());
+  Eigen::MatrixXd below = S.apply(identity) - (S.apply(identity) - less.apply(identity)) / kappa;
+  for (Eigen::Index r = 0; r < below.rows(); ++r) {
+    below(r, r) += S.below_firm_edges() * S.scale(static_cast<Index>(r / 3));
+  }
+  CHECK(test::dense_eigenvalues(below)(0) > -1e-12 * below.norm());
 
   const GlobalOperator<2> M(S);
   const GlobalOperator<1> single(M);
@@ -142,7 +149,7 @@ TEST_CASE("what is taken from firm edges, and M for a start at random, are parts
     CHECK((row - Mz[static_cast<std::size_t>(a)]).norm() < 1e-13);
   }
   CHECK(M.products(z, z)[1] == doctest::Approx(1.0));
-  Eigen::MatrixXd scaled = S.apply(Eigen::MatrixXd::Identity(S.size(), S.size()));
+  Eigen::MatrixXd scaled = S.apply(identity);
   for (Eigen::Index r = 0; r < scaled.rows(); ++r) {
     for (Eigen::Index c = 0; c < scaled.cols(); ++c) {
       scaled(r, c) /=

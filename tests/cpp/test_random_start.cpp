@@ -13,47 +13,17 @@
 #include <rotavg/solve/bcd.hpp>
 #include <rotavg/solve/solve.hpp>
 
+#include "support/certificate_at.hpp"
 #include "support/dense.hpp"
 #include "support/graphs.hpp"
 #include "support/random.hpp"
 
 using namespace rotavg;
+using rotavg::test::CertificateAt;
 using rotavg::test::Random;
+using rotavg::test::scaled_eigenvalues;
 
 namespace {
-
-/// S with all that it refers to.
-struct CertificateAt {
-  Components components;
-  Quaternions q;
-  ResidualQuaternions residuals;
-  NodeSums sums;
-  CertificateMatrix S;
-
-  CertificateAt(const MeasurementGraph& graph, const Rotations& R)
-      : components(connected_components(graph)),
-        q(to_quaternions(R)),
-        residuals(graph, q, 1),
-        sums(residuals),
-        S(sums, components, 0) {}
-  CertificateAt(const CertificateAt&) = delete;
-};
-
-/// Eigenvalues, rising, of D^-1/2 S D^-1/2 on the complement of D^1/2 N.
-Eigen::VectorXd scaled_eigenvalues(const MeasurementGraph& graph, const Rotations& R) {
-  Eigen::MatrixXd M = test::dense_certificate_matrix(graph, R);
-  Eigen::MatrixXd N(M.rows(), 3);
-  for (Index i = 0; i < graph.num_nodes(); ++i) {
-    const double root = std::sqrt(graph.degree(i));
-    M.middleRows<3>(3 * i) /= root;
-    M.middleCols<3>(3 * i) /= root;
-    N.middleRows<3>(3 * i) = root * R[i].transpose();
-  }
-  N /= std::sqrt(2.0 * graph.total_weight());
-  const Eigen::MatrixXd P = Eigen::MatrixXd::Identity(M.rows(), M.rows()) - N * N.transpose();
-  // The null vectors go to the far end.
-  return test::dense_eigenvalues(P * M * P + 10.0 * N * N.transpose()).head(M.rows() - 3);
-}
 
 MeasurementGraph random_graph(Random& random, Index n, Index extra, double noise) {
   auto measurements = test::simulate(random, test::random_connected(random, n, extra), noise);
@@ -175,6 +145,22 @@ TEST_CASE("on expanders a random start proves the optimum, with its probability"
     CHECK(away.verdict == Verdict::not_certified);
     const double f = objective(graph, R);
     CHECK(f - away.gap <= solution.objective + objective_rounding(graph, f));
+  }
+}
+
+TEST_CASE("without a factorisation, graphs of few edges are proved at every noise") {
+  Random random;
+  INFO(random.replay());
+  for (const double noise : {1e-12, 1e-10, 1e-9, 1e-7, 1e-3}) {
+    const MeasurementGraph graph =
+        simulate_graph(random, test::random_connected(random, 2000, 4000), noise);
+    SolveOptions options;
+    options.certificate.max_factorization_flops = 0.0;
+    const Solution solution = solve(graph, options);
+    CAPTURE(noise);
+    CAPTURE(solution.certificate.relative_gap);
+    CHECK(solution.certificate.verdict == Verdict::proved);
+    CHECK(solution.certificate.method == CertificateMethod::random_start);
   }
 }
 

@@ -174,6 +174,19 @@ def test_the_proof_without_a_factorisation(client: Any, monkeypatch: pytest.Monk
         assert "probability" in str(found)
 
 
+@pytest.mark.parametrize("noise", [1e-12, 1e-9, 1e-7])
+def test_little_noise_is_proved_too(client: Any, noise: float) -> None:
+    graph = rotavg.simulate("erdos_renyi", 1000, density=0.01, noise=noise, seed=5).graph
+    found = solve(graph, client=client, parts=3)
+    assert found.certificate is not None
+    assert found.certificate.verdict == "proved", found.certificate
+    assert found.converged
+    assert found.reason == "converged"
+    # Only the proof needs a gradient that is so small.
+    uncertified = solve(graph, client=client, parts=3, certify=False)
+    assert len(uncertified.rounds) <= len(found.rounds)
+
+
 def test_a_heavy_component_hides_no_light_one(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rotavg.distributed.proof.GATHERED", 0)
     light = rotavg.simulate("erdos_renyi", 40, noise=0.5, density=0.4, seed=8).graph

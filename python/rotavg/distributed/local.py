@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,23 +23,31 @@ class Level:
         objective: sum of w |R_i R_ij - R_j|^2 over the edges that are counted.
         squares: |g|^2, of the gradient g at own nodes.
         relative: max |g_i| / deg_i, radians.
+        weight: sum of w over these edges.
     """
 
     objective: float = 0.0
     squares: float = 0.0
     relative: float = 0.0
+    weight: float = 0.0
+
+    @property
+    def noise(self) -> float:
+        """The root mean square of the residuals, radians."""
+        return math.sqrt(0.5 * self.objective / self.weight) if self.weight > 0.0 else 0.0
 
     def __add__(self, other: Level) -> Level:
         return Level(
             self.objective + other.objective,
             self.squares + other.squares,
             max(self.relative, other.relative),
+            self.weight + other.weight,
         )
 
 
 def level(part: Part, R: Rotations) -> Level:
     """At rotations of all nodes of the part."""
-    total, g = 0.0, np.zeros((part.num_own, 3))
+    total, weight, g = 0.0, 0.0, np.zeros((part.num_own, 3))
     for edges, counted in part.blocks():
         for mine, some in ((True, edges.take(counted)), (False, edges.take(~counted))):
             if len(some) == 0:
@@ -46,10 +55,12 @@ def level(part: Part, R: Rotations) -> Level:
             rows = np.stack([some.i, some.j], axis=1).astype(np.int32)
             graph = _core.MeasurementGraph(len(R), rows, some.rotations, some.weights)
             g += _core.gradient(graph, R)[: part.num_own]
-            total += _core.objective(graph, R) if mine else 0.0
+            if mine:
+                total += _core.objective(graph, R)
+                weight += float(some.weights.sum())
     norms = np.linalg.norm(g, axis=1)
     relative = np.divide(norms, part.degree, out=np.zeros_like(norms), where=part.degree > 0)
-    return Level(total, float(norms @ norms), float(relative.max(initial=0.0)))
+    return Level(total, float(norms @ norms), float(relative.max(initial=0.0)), weight)
 
 
 def vee_difference(G: Rotations) -> NDArray[np.float64]:

@@ -37,8 +37,8 @@ def prove(
     """The certificate of where the rounds have led; None where their deadline comes before it.
 
     By a random start, across workers, where that is quick. Where it would take many steps, as on
-    graphs with long thin parts, and one worker can hold the graph, that one factorises; else the
-    steps are taken.
+    graphs with long thin parts, or falls short by what the least eigenvalue makes of the gradient's
+    rounding, one worker that can hold the graph certifies it; else the steps are taken.
 
     Args:
         rounds: which have ended.
@@ -66,19 +66,19 @@ def prove(
     outcome = proof.tried(probability, seed, FEW_PRODUCTS)
     if outcome.late:
         return None
-    if not outcome.is_decided(proof) and gathered:
+    if not outcome.is_decided(proof) and not gathered:
+        outcome = proof.tried(probability, seed, MANY_PRODUCTS, outcome.quotient)
+    if outcome.late:
+        return None
+    certificate = _certificate(outcome, proof, told, measure, tolerance, probability)
+    if gathered and certificate.shortfall in (Shortfall.UNDECIDED, Shortfall.LEFTOVER):
         options = {"tolerance": tolerance, "failure_probability": probability, "seed": seed}
         one = network.client.submit(
             _certified, network.parts, state.rotations, options, deadline, pure=False
         )
         (certificate,) = network.gather([one])
         assert isinstance(certificate, Certificate)
-        return certificate
-    if not outcome.is_decided(proof):
-        outcome = proof.tried(probability, seed, MANY_PRODUCTS, outcome.quotient)
-    if outcome.late:
-        return None
-    return _certificate(outcome, proof, told, measure, tolerance, probability)
+    return certificate
 
 
 def stopped(objective: float, tolerance: float) -> Certificate:

@@ -33,6 +33,7 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving import options
 
 _NEAR_ROUNDING = 1e-13  # radians, of the relative gradient
+_OF_NOISE = 1e-5  # the gradient's share that the proof may need
 
 MOST_REWEIGHTINGS = 60
 SETTLED = 1e-5  # of the weights, what the last reweighting changes
@@ -69,7 +70,8 @@ def solve(
             machine, which hold the solution until that is closed or forgotten.
         parts: how many parts; by default one for each thread of the workers. More parts take less
             memory at a time.
-        tolerance: of the relative gradient, radians.
+        tolerance: of the relative gradient, radians; with `certify` at most 1e-5 of the residuals'
+            root mean square, if rounding allows.
         max_rounds: limit on the number of rounds.
         time_limit: limit in seconds on everything but reading and dividing the graph, without
             which there is no answer; what then is missing is told by `reason` and the certificate.
@@ -100,6 +102,7 @@ def solve(
         options.seconds(time_limit),
         Deadline.after(options.seconds(time_limit)),
         options.function(callback),
+        certify,
     )
     proof: dict[str, Any] = {
         "tolerance": options.nonnegative("certificate_tolerance", certificate_tolerance),
@@ -163,13 +166,23 @@ class Limits:
     time_limit: float
     deadline: Deadline
     callback: Callback
+    certify: bool
 
-    def reason(self, now: Round, tolerance: float) -> str | None:
-        """Why to end after this round; None to go on."""
+    def tolerance_at(self, noise: float) -> float:
+        """Of the relative gradient, where the residuals are of this size."""
+        if not self.certify:
+            return self.tolerance
+        return min(self.tolerance, max(_NEAR_ROUNDING, _OF_NOISE * noise))
+
+    def reason(self, trace: list[Round], tolerance: float) -> str | None:
+        """Why to end after the last round; None to go on."""
+        now = trace[-1]
         if self.callback is not None and self.callback(now) is False:
             return "stopped"
-        if now.relative_gradient <= tolerance:
-            return "converged"
+        if now.relative_gradient <= max(tolerance, self.tolerance):
+            falls = len(trace) < 2 or now.relative_gradient < 0.7 * trace[-2].relative_gradient
+            if now.relative_gradient <= tolerance or not falls:
+                return "converged"
         if now.number >= self.max_rounds:
             return f"the limit of {self.max_rounds} rounds"
         if self.deadline.passed:
@@ -179,15 +192,15 @@ class Limits:
 
 def _run(rounds: Rounds, trace: list[Round], limits: Limits, tolerance: float = 0.0) -> str:
     """Rounds until one of the limits; which."""
-    tolerance = max(tolerance, limits.tolerance)
     while True:
         now = trace[-1]
-        reason = limits.reason(now, tolerance)
+        enough = max(tolerance, limits.tolerance_at(rounds.state.level.noise))
+        reason = limits.reason(trace, enough)
         if reason is not None:
             return reason
         # A tenth of what is wrong now is near enough for the parts; rounding is in the way of more.
-        enough = max(0.1 * max(now.relative_gradient, tolerance), _NEAR_ROUNDING)
-        trace.append(rounds.next(now.number + 1, enough))
+        near = max(0.1 * max(now.relative_gradient, enough), _NEAR_ROUNDING)
+        trace.append(rounds.next(now.number + 1, near))
 
 
 def _robustly(rounds: Rounds, limits: Limits, seed: int) -> tuple[list[Round], str, RobustFit]:

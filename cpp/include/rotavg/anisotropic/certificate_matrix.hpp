@@ -70,13 +70,12 @@ class AnisotropicCertificateMatrix {
   ///
   ///     tr([d]^T W^-1 [d]) = d^T A d,     A = tr(W^-1) I - W^-1.
   AnisotropicCertificateMatrix less_firm_edges(double kappa) const {
-    constexpr double least = 1e-6;  // of the precision: W is no better known than T
     AnisotropicCertificateMatrix less = *this;
     for (const Edge& e : edges_) {
       const EdgeForce& force = force_[e.edge];
       const double trace = graph_.precisions()[e.edge].trace();
       const SymmetricEigen eigen = symmetric_eigen(W_[e.edge]);
-      if (!(eigen.values(0) > least * trace)) continue;
+      if (!is_firm(eigen, trace)) continue;
       const Vector3 inverse = eigen.values.cwiseInverse();
       const Matrix3 turned = product(force.T, eigen.vectors);
       double square = 0.0;  // tr(T A T)
@@ -94,6 +93,22 @@ class AnisotropicCertificateMatrix {
     }
     for (double& loose : less.loose_) loose = std::max(loose, 0.0);
     return less;
+  }
+
+  /// The least t with S >= L_W - t diag(scale), L_W that of the edges of which less_firm_edges()
+  /// takes: an edge adds d^T W d - 2 x_i . p x x_j, which is d^T W d - |p| (|x_i|^2 + |x_j|^2) at
+  /// least, and where W is not positive it is bounded in the same way.
+  double below_firm_edges() const {
+    std::vector<double> below(nodes_.size());
+    for (Index a = 0; a < num_nodes(); ++a) below[a] = pull_[a] + block_rounding(a);
+    for (const Edge& e : edges_) {
+      const SymmetricEigen eigen = symmetric_eigen(W_[e.edge]);
+      if (is_firm(eigen, graph_.precisions()[e.edge].trace())) continue;
+      for (const Index end : {e.i, e.j}) below[end] += 2.0 * std::max(-eigen.values(0), 0.0);
+    }
+    double most = 0.0;
+    for (Index a = 0; a < num_nodes(); ++a) most = std::max(most, below[a] / scale_[a]);
+    return most;
   }
 
   /// An edge of the component, its ends as rows.
@@ -177,6 +192,11 @@ class AnisotropicCertificateMatrix {
   double leftover_edge_rounding() const { return edge_rounding_; }
 
  private:
+  static bool is_firm(const SymmetricEigen& of_W, double trace) {
+    constexpr double least = 1e-6;  // of the precision: W is no better known than T
+    return of_W.values(0) > least * trace;
+  }
+
   Index row(Index node) const { return components_.row_in_component[node]; }
 
   const AnisotropicGraph& graph_;

@@ -80,6 +80,7 @@ inline bool is_random_start_better(std::size_t num_edges, Elimination& eliminati
 /// CertificateMethod::none where it does not speak for R, or there is no memory for it.
 inline ComponentBound bound_component_by_random_start(const AnisotropicCertificateMatrix& S,
                                                       Elimination& elimination, bool can_factorize,
+                                                      double resolution,
                                                       const CertificateOptions& options) try {
   RandomStartOptions start;
   start.failure_probability = options.failure_probability;
@@ -95,7 +96,8 @@ inline ComponentBound bound_component_by_random_start(const AnisotropicCertifica
   if (can_factorize && !random_start.may_do()) return bound;
   const RandomStartResult result = random_start();
   if (result.outcome == RandomStartOutcome::positive) {
-    bound = bound_by_random_start(S, result.cut);
+    bound = bound_by_random_start(S, GlobalOperator<3>(random_start.M()), result.cut, resolution,
+                                  options.keep_going);
     bound.failure_probability = options.failure_probability;
   } else if (result.outcome == RandomStartOutcome::negative) {
     bound.lambda_min = result.quotient;
@@ -125,7 +127,7 @@ inline ComponentBound bound_component(EdgeSplits& splits, const Components& comp
   if (is_random_start_better(ends / 2, elimination, can_factorize, options)) {
     const ComponentBound bound =
         bound_component_by_random_start(AnisotropicCertificateMatrix(splits, components, component),
-                                        elimination, can_factorize, options);
+                                        elimination, can_factorize, resolution, options);
     const bool is_enough = bound.is_definite && !(bound.rounding > resolution);
     if (is_enough || !can_factorize) return bound;
   }

@@ -10,6 +10,7 @@
 
 #include <rotavg/anisotropic/certificate_matrix.hpp>
 #include <rotavg/certify/bound.hpp>
+#include <rotavg/certify/complement_bound.hpp>
 #include <rotavg/certify/operator_columns.hpp>
 #include <rotavg/certify/random_start.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
@@ -74,6 +75,7 @@ class GlobalOperator : public OperatorColumns<GlobalOperator<C>, C> {
   Eigen::Index dimension() const { return S_->size() - 3; }
   double degree(Index a) const { return S_->scale(a); }
   Vector3 in_global_frame(Index, const Vector3& z) const { return z; }
+  const Matrix3& in_own_frame(Index, const Matrix3& x) const { return x; }
 
   /// Bounds the rounding of one product, |computed - M y| <= rounding() |y|.
   double rounding() const {
@@ -121,11 +123,29 @@ class GlobalOperator : public OperatorColumns<GlobalOperator<C>, C> {
   double total_ = 0.0;
 };
 
-/// The bound that a random start gives, where it speaks for R (certify/random_start.hpp).
-inline ComponentBound bound_by_random_start(const AnisotropicCertificateMatrix& S, double cut) {
-  return bound_by_random_start(
-      S.leftover(), cut, [&](Index a) { return S.scale(a); },
-      [&](Index a) { return std::pow(S.leftover_rounding(a), 2); });
+/// The bound that a random start gives, where it speaks for R. Of the rounding of K, the errors of
+/// the edges are held against their W if it matters, as S >= kappa L_W with kappa as there.
+///
+/// @param resolution how small a gap has to be told from zero
+inline ComponentBound bound_by_random_start(const AnisotropicCertificateMatrix& S,
+                                            const GlobalOperator<3>& M, double cut,
+                                            double resolution,
+                                            const std::function<bool()>& keep_going) {
+  const auto rounding_of = [cut](const AnisotropicCertificateMatrix& matrix) {
+    double square = 0.0;
+    for (Index a = 0; a < matrix.num_nodes(); ++a) {
+      square += std::pow(matrix.leftover_rounding(a), 2) / matrix.scale(a);
+    }
+    return std::sqrt(square / cut) + std::sqrt(matrix.leftover_edge_rounding());
+  };
+  constexpr double small_part = 0.1;  // of the resolution
+  double rounding = rounding_of(S);
+  if (rounding * rounding > small_part * resolution) {
+    const double kappa = cut / (cut + S.below_firm_edges());
+    rounding = std::min(rounding, rounding_of(S.less_firm_edges(kappa)));
+  }
+  const Eigen::MatrixXd K = S.leftover();
+  return ComplementBound(M, K, cut, keep_going)(rounding, resolution);
 }
 
 }  // namespace rotavg

@@ -16,6 +16,7 @@
 namespace rotavg {
 
 class Elimination;
+class KnownCut;
 
 /// Certifies rotations.
 ///
@@ -23,12 +24,15 @@ class Elimination;
 /// @param eliminations of all components, without their roots
 /// @param known lower bounds on the optimum of every component; none if empty
 /// @param gravity edges whose constant counts for nothing in what the gap is held against
+/// @param cuts what the certificates of earlier iterates have proved of every component, if the
+///        caller keeps that; empty at first
 ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations& R,
                                   const Components& components,
                                   std::vector<Elimination>& eliminations,
                                   const CertificateOptions& options,
                                   const std::vector<LowerBound>& known = {},
-                                  const GravityPairs& gravity = {});
+                                  const GravityPairs& gravity = {},
+                                  std::vector<KnownCut>* cuts = nullptr);
 
 /// Certifies rotations, whether a solver of this library found them or not.
 ///

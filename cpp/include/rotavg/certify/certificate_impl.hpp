@@ -125,8 +125,8 @@ ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations
                                   const Components& components,
                                   std::vector<Elimination>& eliminations,
                                   const CertificateOptions& options,
-                                  const std::vector<LowerBound>& known,
-                                  const GravityPairs& gravity) {
+                                  const std::vector<LowerBound>& known, const GravityPairs& gravity,
+                                  std::vector<KnownCut>* cuts) {
   check(options);
   const int num_threads = resolve_num_threads(options.num_threads, graph.num_edges());
 
@@ -135,6 +135,7 @@ ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations
   const NodeSums sums(residuals);
   const auto measures = detail::measure_components(sums, components, gravity);
   std::vector<ComponentCertificate> parts;
+  if (cuts) cuts->resize(static_cast<std::size_t>(components.size()));
   for (Index c = 0; c < components.size(); ++c) {
     ComponentCertificate part;
     if (components.nodes[c].size() < 2) {  // every rotation is optimal
@@ -142,8 +143,10 @@ ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations
     } else {
       const CertificateMatrix S(sums, components, c);
       const double resolution = measures[c].scale() * options.tolerance;
-      const ComponentBound bound = ComponentBounds(S, q, eliminations[c], resolution,
-                                                   measures[c].noise(), gravity, options)();
+      KnownCut none;
+      const ComponentBound bound =
+          ComponentBounds(S, q, eliminations[c], resolution, measures[c].noise(), gravity, options,
+                          cuts ? (*cuts)[c] : none)();
       part = detail::certify_component(bound, known.empty() ? LowerBound{} : known[c], measures[c],
                                        options.tolerance);
     }

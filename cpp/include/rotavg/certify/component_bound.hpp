@@ -9,6 +9,7 @@
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/certify/connectivity.hpp>
 #include <rotavg/certify/factorization.hpp>
+#include <rotavg/certify/known_cut.hpp>
 #include <rotavg/certify/min_eigenvalue.hpp>
 #include <rotavg/certify/proof_costs.hpp>
 #include <rotavg/certify/random_start.hpp>
@@ -34,16 +35,18 @@ class ComponentBounds {
   ///        options must outlive this object
   /// @param resolution how small a gap has to be told from zero
   /// @param noise the objective over the sum of weights
+  /// @param known of this component, by an earlier certificate; it learns from this one
   ComponentBounds(const CertificateMatrix& S, const Quaternions& q, Elimination& elimination,
                   double resolution, double noise, const GravityPairs& gravity,
-                  const CertificateOptions& options)
+                  const CertificateOptions& options, KnownCut& known)
       : S_(S),
         q_(q),
         elimination_(elimination),
         resolution_(resolution),
         noise_(noise),
         gravity_(gravity),
-        options_(options) {
+        options_(options),
+        known_(known) {
     for (const Index i : S.nodes()) ends_ += static_cast<double>(S.graph().row(i).size());
   }
 
@@ -53,6 +56,10 @@ class ComponentBounds {
     constexpr double dense = 0.1, near_complete = 0.5;  // of all pairs of nodes
     const double n = S_.num_nodes(), connectivity_flops = Connectivity::flops(n);
     const double by_products = cost(Costs::usual_products);
+    if (const double cut = known_.at(S_, q_); cut > 0.0) {
+      const ComponentBound bound = by_cut(LocalOperator<3>(S_, q_), cut);
+      if (is_enough(bound)) return bound;
+    }
     // Dense graphs before a factorisation of S is even analysed: it fills in.
     const double filled = ends_ / n / n;
     if (filled > dense && 27.0 * connectivity_flops > Costs::quick) {
@@ -62,11 +69,12 @@ class ComponentBounds {
     // On large graphs an order of elimination takes longer than products do, and they may tell that
     // it fills in.
     bool may_start = options_.failure_probability > 0.0;  // at random
+    ComponentBound start_bound;
     if (may_start && ends_ > large && !elimination_.has_order()) {
       RandomStart random_start(S_, q_, random_start_options());
       if (random_start.theta_exceeds(theta_of_separator(Costs::worth_certainty * by_products))) {
-        const ComponentBound bound = by_random_start(random_start);
-        if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
+        start_bound = by_random_start(random_start);
+        if (is_end(start_bound)) return start_bound;
         may_start = false;  // it would come to the same end
       }
     }
@@ -79,7 +87,7 @@ class ComponentBounds {
     bool can_factorize = by_factor <= options_.max_factorization_flops && fits();
     if (can_factorize &&
         by_factor <= std::max(Costs::quick, Costs::worth_certainty * by_products)) {
-      if (const auto bound = factorized()) return *bound;
+      if (const auto bound = factorized()) return better(*bound, start_bound);
       can_factorize = false;
     }
     if (can_factorize) {
@@ -87,19 +95,19 @@ class ComponentBounds {
         RandomStart random_start(S_, q_, random_start_options());
         random_start.limit_products(by_factor / cost(1.0));
         if (random_start.may_do()) {
-          const ComponentBound bound = by_random_start(random_start);
-          if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
+          start_bound = by_random_start(random_start);
+          if (is_end(start_bound)) return start_bound;
+          may_start = !start_bound.is_definite;  // more products may do
         }
       }
-      if (const auto bound = factorized()) return *bound;
+      if (const auto bound = factorized()) return better(*bound, start_bound);
     }
-    ComponentBound bound;
     if (may_start) {
       RandomStart random_start(S_, q_, random_start_options());
-      bound = by_random_start(random_start);
-      if (is_enough(bound) || bound.lambda_min < 0.0) return bound;
+      start_bound = by_random_start(random_start);
+      if (is_end(start_bound)) return start_bound;
     }
-    if (bound.method != CertificateMethod::none) return bound;
+    if (start_bound.method != CertificateMethod::none) return start_bound;
     return bound_by_eigenvalue(S_, options_.keep_going, few_iterations);
   }
 
@@ -112,6 +120,15 @@ class ComponentBounds {
   bool is_enough(const ComponentBound& bound) const {
     const bool known = bound.method != CertificateMethod::none;
     return stopped() || (known && !(bound.rounding > resolution_));
+  }
+
+  /// The same after a random start; or R is refuted.
+  bool is_end(const ComponentBound& bound) const {
+    return is_enough(bound) || (!bound.is_definite && bound.lambda_min < 0.0);
+  }
+
+  static ComponentBound better(const ComponentBound& a, const ComponentBound& b) {
+    return b.gap < a.gap ? b : a;
   }
 
   /// Of products with a vector, in operations of a factorisation. (Reading an edge end with two
@@ -185,11 +202,17 @@ class ComponentBounds {
     const RandomStartResult result = random_start();
     ComponentBound bound;
     if (result.outcome == RandomStartOutcome::positive) {
-      bound = bound_by_random_start(S_, result.cut, options_.keep_going);
-      bound.failure_probability = options_.failure_probability;
+      known_.remember(S_, q_, result.cut);
+      bound = by_cut(LocalOperator<3>(random_start.M()), result.cut);
     } else if (result.outcome == RandomStartOutcome::negative) {
       bound = bound_by_eigenvalue(S_, options_.keep_going, few_iterations, result.x);
     }
+    return bound;
+  }
+
+  ComponentBound by_cut(const LocalOperator<3>& M, double cut) const {
+    ComponentBound bound = bound_by_random_start(S_, M, cut, resolution_, options_.keep_going);
+    bound.failure_probability = options_.failure_probability;
     return bound;
   }
 
@@ -199,6 +222,7 @@ class ComponentBounds {
   double resolution_, noise_;
   const GravityPairs& gravity_;
   const CertificateOptions& options_;
+  KnownCut& known_;
   double ends_ = 0.0;  ///< of edges
   bool connectivity_failed_ = false;
 };

@@ -72,6 +72,10 @@ class LocalOperator : public OperatorColumns<LocalOperator<C>, C> {
   double degree(Index a) const { return nodes_[a].degree; }
   /// A vector in the frame of a node, in the global one.
   Vector3 in_global_frame(Index a, const Vector3& z) const { return product(nodes_[a].R, z); }
+  /// The other way round: what has a row for each coordinate.
+  Matrix3 in_own_frame(Index a, const Matrix3& x) const {
+    return transposed_product(nodes_[a].R, x);
+  }
   /// Of the complement.
   Eigen::Index dimension() const { return S_.size() - 3; }
 

@@ -12,6 +12,7 @@
 
 #include <rotavg/certify/bound.hpp>
 #include <rotavg/certify/certificate_matrix.hpp>
+#include <rotavg/certify/complement_bound.hpp>
 #include <rotavg/certify/local_operator.hpp>
 #include <rotavg/certify/min_eigenvalue.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
@@ -74,6 +75,8 @@ class RandomStartOf {
 
   RandomStartOf(OperatorOf<2> M, Options options)
       : operator_(std::move(M)), options_(std::move(options)) {}
+
+  const OperatorOf<2>& M() const { return operator_; }
 
   /// More products than this are not worth while.
   void limit_products(double max_products) { options_.max_products = max_products; }
@@ -277,44 +280,35 @@ class RandomStart : public RandomStartOf<LocalOperator> {
       : RandomStartOf(LocalOperator<2>(S, q), std::move(options)) {}
 };
 
-/// The bound that a random start gives, where it speaks for R. Split any x as N c + z with N^T D z
-/// = 0: with the leftover K = S N, x^T S x >= 2 c^T K^T z + cut z^T D z >= -|D^-1/2 K c|^2 / cut,
-/// and as c is a weighted mean of the blocks of x,
+/// A kappa with S >= kappa L, where S >= cut D on the complement. As in certify/connectivity.hpp, S
+/// >= L - diag(2 r), so for every alpha
 ///
-///     f(R) - f* <= |D^-1/2 K|_F^2 / cut
+///     S >= alpha (L - diag(2 r)) + (1 - alpha) cut D,
 ///
-/// (as in certify/connectivity.hpp); the rounding of K is added.
-///
-/// @param K 3n x 3
-/// @param degree (a): D at row a
-/// @param rounding (a): a bound on the square of what rounding can have done to the block of K at a
-template <typename Degree, typename Rounding>
-ComponentBound bound_by_random_start(const Eigen::MatrixXd& K, double cut, Degree&& degree,
-                                     Rounding&& rounding) {
-  double square = 0.0, error = 0.0, total = 0.0, largest = 0.0;
-  for (Index a = 0; a < static_cast<Index>(K.rows() / 3); ++a) {
-    const double d = degree(a);
-    square += K.middleRows<3>(3 * a).squaredNorm() / d;
-    error += rounding(a) / d;
-    total += d;
-    largest = std::max(largest, d);
+/// which is alpha L at least for alpha = cut / (cut + max 2 r / D).
+inline double share_of_laplacian(const CertificateMatrix& S, double cut) {
+  double taken = 0.0;
+  for (Index a = 0; a < S.num_nodes(); ++a) {
+    const double degree = S.graph().degree(S.nodes()[a]);
+    taken = std::max(taken, 2.0 * (S.reach(a) + S.block_rounding(a)) / degree);
   }
-  const double root = std::sqrt(square) + std::sqrt(error);
-  ComponentBound bound;
-  bound.method = CertificateMethod::random_start;
-  bound.is_definite = true;
-  bound.gap = (1.0 + 1e-9) * root * root / cut;
-  bound.rounding = error / cut;
-  bound.lambda_min = -bound.gap * largest / total;  // not below: |c|^2 <= max d / sum d |x|^2
-  return bound;
+  return cut / (cut + taken);
 }
 
-inline ComponentBound bound_by_random_start(const CertificateMatrix& S, double cut,
+/// The bound that a random start gives, where it speaks for R (certify/complement_bound.hpp).
+///
+/// @param resolution how small a gap has to be told from zero
+inline ComponentBound bound_by_random_start(const CertificateMatrix& S, const LocalOperator<3>& M,
+                                            double cut, double resolution,
                                             const std::function<bool()>& keep_going) {
+  double nodes = 0.0;
+  for (Index a = 0; a < S.num_nodes(); ++a) {
+    nodes += S.leftover_node_rounding(a) / S.graph().degree(S.nodes()[a]);
+  }
+  const double rounding =
+      std::sqrt(S.leftover_edge_rounding() / share_of_laplacian(S, cut)) + std::sqrt(nodes / cut);
   const Eigen::MatrixXd K = S.leftover();
-  ComponentBound bound = bound_by_random_start(
-      K, cut, [&](Index a) { return S.graph().degree(S.nodes()[a]); },
-      [&](Index a) { return S.leftover_rounding(a); });
+  ComponentBound bound = ComplementBound(M, K, cut, keep_going)(rounding, resolution);
   bound.lambda_min = lambda_min_near_null_vectors(S, K, bound.lambda_min, keep_going);
   return bound;
 }

@@ -32,7 +32,9 @@ template <typename GoOn, typename Certify>
 bool polish(Solution& solution, double certificate_tolerance, IterationOptions limits, GoOn&& go_on,
             Certify&& certify) {
   constexpr double share = 0.1, falling = 0.7;
-  constexpr int max_idle = 4, max_iterations = 100;
+  // Sweeps take many times as many as Newton's steps, and cost as much less.
+  const bool sweeps = solution.method != Method::newton;
+  const int max_idle = sweeps ? 40 : 4, max_iterations = sweeps ? 400 : 100;
   const double gap = solution.certificate.relative_gap;
   limits.stop = StopRule::gradient;
   limits.tolerance = solution.relative_gradient * std::sqrt(share * certificate_tolerance / gap);

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include <rotavg/certify/certificate.hpp>
+#include <rotavg/certify/known_cut.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
@@ -160,7 +161,7 @@ class SolveRun {
     certificate.num_threads = options_.iteration.num_threads;
     certificate.keep_going = keep_going_;
     solution.certificate = rotavg::certify(graph_, solution.rotations, components_, eliminations_,
-                                           certificate, lower_bounds_, gravity_);
+                                           certificate, lower_bounds_, gravity_, &cuts_);
     solution.timings.certify += watch_.seconds() - before;
   }
 
@@ -233,6 +234,7 @@ class SolveRun {
   const Components components_;
   std::vector<Elimination> eliminations_;
   std::vector<LowerBound> lower_bounds_;  ///< on the optimum of every component
+  std::vector<KnownCut> cuts_;            ///< of the certificates so far
   const std::function<bool()> keep_going_;
   int iterations_ = 0;  ///< of all runs
   bool is_first_ = true;
