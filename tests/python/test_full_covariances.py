@@ -288,8 +288,65 @@ def test_a_bad_covariance_in_a_file_is_named_by_its_line(tmp_path: Path) -> None
     path = tmp_path / "graph.csv"
     header = "i,j,qx,qy,qz,qw,cxx,cxy,cxz,cyy,cyz,czz"
     path.write_text(f"{header}\n0,1,0,0,0,1,1,0,0,1,0,1\n1,2,0,0,0,1,1,0,0,-1,0,1\n")
-    with pytest.raises(rotavg.FormatError, match=r"graph\.csv:3.*not symmetric and positive"):
+    with pytest.raises(
+        rotavg.FormatError, match=r"graph\.csv:3.*not positive definite: eigenvalues from -1 to 1"
+    ):
         rotavg.read(path)
+
+
+@pytest.mark.parametrize("name", ["g.g2o", "g.graph", "g.json"])
+def test_pose_graphs_carry_full_information(tmp_path: Path, name: str) -> None:
+    graph = random_graph(3)
+    rotavg.write(tmp_path / name, graph)
+    again = rotavg.read(tmp_path / name)
+    assert graph.covariances is not None
+    assert again.covariances is not None
+    np.testing.assert_allclose(again.covariances, graph.covariances, rtol=1e-9, atol=1e-12)
+    expected = rotavg.solve(graph, anisotropic=True).objective
+    assert rotavg.solve(again, anisotropic=True).objective == pytest.approx(expected, rel=1e-9)
+    # Other weights than those of the covariances are read back, and scale them.
+    weights = np.random.default_rng(0).uniform(0.5, 2.0, graph.num_edges)
+    rotavg.write(tmp_path / name, graph.with_weights(weights))
+    np.testing.assert_allclose(rotavg.read(tmp_path / name).weights, weights, rtol=1e-9)
+
+
+def test_frames_and_networks_carry_covariances() -> None:
+    graph = random_graph(4)
+    expected = rotavg.solve(graph, anisotropic=True).objective
+    for again in (
+        rotavg.MeasurementGraph.from_dataframe(graph.to_dataframe()),
+        rotavg.MeasurementGraph.from_networkx(graph.to_networkx()),
+    ):
+        assert rotavg.solve(again, anisotropic=True).objective == pytest.approx(expected, rel=1e-12)
+    network = graph.to_networkx()
+    next(iter(network.edges(data=True)))[2].pop("covariance")
+    with pytest.raises(rotavg.GraphError, match="no attribute 'covariance', which"):
+        rotavg.MeasurementGraph.from_networkx(network)
+
+
+def test_one_uneven_information_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "g.g2o"
+    rotavg.write(path, random_graph(5))
+    lines = path.read_text().splitlines()
+    fields = lines[2].split()
+    fields[-6:] = ["1e15", "0", "0", "1", "0", "1"]
+    path.write_text("\n".join([*lines[:2], " ".join(fields), *lines[3:]]) + "\n")
+    graph = rotavg.read(path)
+    assert graph.covariances is None
+    assert any("covariances not used" in note and "in line 3" in note for note in graph.notes)
+    with pytest.raises(rotavg.OptionError, match="has none; covariances not used: .* in line 3"):
+        rotavg.solve(graph, anisotropic=True)
+
+
+@pytest.mark.parametrize("anisotropic", [True, "log"])
+def test_a_saddle_has_no_covariances(anisotropic: Any) -> None:
+    edges, turn = [(0, 1), (1, 2), (2, 0)], np.diag([-1.0, -1.0, 1.0])
+    spread = np.tile(0.01 * np.eye(3), (3, 1, 1))
+    graph = rotavg.MeasurementGraph(edges, np.tile(np.eye(3), (3, 1, 1)), covariances=spread)
+    start = [np.eye(3), turn, np.eye(3)]
+    solution = rotavg.solve(graph, init=start, anisotropic=anisotropic, max_iterations=0)
+    with pytest.raises(rotavg.SolverError, match="no strict minimum"):
+        solution.covariances(noise_variance=1.0)
 
 
 @pytest.mark.parametrize("size", [1e-320, 1e-200, 1e200, 1e305])
@@ -302,7 +359,9 @@ def test_extreme_covariances_are_named(size: float) -> None:
         graph.edges, graph.rotations, weights=np.ones(len(C)), covariances=C
     )
     i, j = graph.edges[2].tolist()
-    says = rf"edge 2 \({i} -> {j}\): found a covariance as large as .*; expected it between"
+    says = (
+        rf"edge 2 \({i} -> {j}\): found a covariance whose largest entry is .*; expected it between"
+    )
     for anisotropic in (True, "log"):
         with pytest.raises(rotavg.GraphError, match=says):
             rotavg.solve(weighted, anisotropic=anisotropic)

@@ -205,6 +205,20 @@ def test_spectrum_colours_what_refutes(solution: rotavg.Solution) -> None:
     assert colours(start)["tab:red"] > 0
 
 
+def test_spectrum_refuses_what_has_another_matrix(solution: rotavg.Solution) -> None:
+    graph, R = solution.graph, solution.rotations
+    node = graph.nodes[0].item()
+    fixed = rotavg.solve(graph, priors=rotavg.Priors(fixed={node: R[0]}))
+    spread = np.tile(0.01 * np.eye(3), (graph.num_edges, 1, 1))
+    full = rotavg.MeasurementGraph(graph.edges, graph.rotations, covariances=spread)
+    for other, what in (
+        (fixed, "priors"),
+        (rotavg.solve(full, anisotropic=True), "full covariances"),
+    ):
+        with pytest.raises(rotavg.OptionError, match=f"the solution has {what}"):
+            plot.spectrum(other)
+
+
 def test_spectrum_of_the_largest_component_and_of_the_smallest_graph() -> None:
     two = rotavg.MeasurementGraph.from_rotvecs(
         [(0, 1), (5, 6), (6, 7), (5, 7)], [[0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 0.5, 0]]

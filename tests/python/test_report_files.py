@@ -26,8 +26,8 @@ def test_the_command_writes_a_report_that_says_how_to_repeat_it(tmp_path: Path) 
     command = text.of("code")[0]
     assert command == f"rotavg solve '{graph}' --report {tmp_path / 'out.html'} --seed 7 --json"
     cells = dict(zip(text.of("th"), text.of("td")[-len(text.of("th")) :]))
-    assert cells["option seed"] == "7"
-    assert cells["option method"] == "auto"
+    assert cells["--seed"] == "7"
+    assert cells["--method"] == "auto"
     assert re.search(r"SHA-256 [0-9a-f]{64}$", cells["input"])
     assert float(cells["read"].removesuffix(" s")) > 0
     done = run("solve", graph, "--report", tmp_path / "out.html")  # replaces it

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar
 
@@ -15,7 +16,7 @@ Array = TypeVar("Array", bound="NDArray[Any]")
 
 
 def _brief(value: Any) -> str:
-    """An array, or a tuple of more than a few numbers, by what it is; else its repr."""
+    """An array, or a tuple or mapping of more than a few, by what it is; else its repr."""
     few = 4
     if isinstance(value, np.ndarray):
         kind = "str" if value.dtype.kind == "U" else value.dtype
@@ -27,14 +28,13 @@ def _brief(value: Any) -> str:
         if value and not plain:
             return f"<{len(value)} {type(value[0]).__name__}>"
         return f"({', '.join(map(_brief, value))}{',' * (len(value) == 1)})"
+    if isinstance(value, Mapping) and type(value).__repr__ is dict.__repr__ and value:
+        return f"<{type(value).__name__} of {len(value)}>"
     return repr(value)
 
 
-class ReadOnly:
-    """What has read-only arrays, which stay so when it is unpickled or copied deeply.
-
-    The repr of a dataclass tells what arrays there are, and not what is in them.
-    """
+class Brief:
+    """A dataclass whose repr tells what arrays and mappings there are, and not what is in them."""
 
     def __repr__(self) -> str:
         if not is_dataclass(self):
@@ -44,8 +44,12 @@ class ReadOnly:
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        if cls.__repr__ is ReadOnly.__repr__:  # dataclass() keeps one that is a class's own
-            cls.__repr__ = ReadOnly.__repr__  # type: ignore[method-assign]
+        if cls.__repr__ is Brief.__repr__:  # dataclass() keeps one that is a class's own
+            cls.__repr__ = Brief.__repr__  # type: ignore[method-assign]
+
+
+class ReadOnly(Brief):
+    """What has read-only arrays, which stay so when it is unpickled or copied deeply."""
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for value in state.values():

@@ -117,6 +117,9 @@ def _translate(settings: dict[str, Any]) -> None:
     if settings.pop("anisotropic_log"):
         settings["anisotropic"] = "log"
     if settings["anisotropic"]:
+        if settings["unit_weights"]:
+            found = "--anisotropic needs the covariances that --unit-weights leaves out"
+            raise click.UsageError(found)
         settings["covariances"] = True  # of a database's pairs
 
 

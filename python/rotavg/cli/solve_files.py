@@ -90,14 +90,15 @@ class SolveFiles:
 
 def _run(input_path: Path, read_seconds: float) -> Run:
     """What the report says of how to repeat this."""
+    context = click.get_current_context()
+    beside = (
+        *("input_path", "output", "report", "edges_path", "diagnostics_path"),
+        *("covariances_path", "as_json"),
+    )
     settings = {
-        name: value
-        for name, value in click.get_current_context().params.items()
-        if name
-        not in (
-            *("input_path", "output", "report", "edges_path", "diagnostics_path"),
-            *("covariances_path", "as_json"),
-        )
+        max(option.opts, key=len): context.params[option.name]
+        for option in context.command.params
+        if option.name in context.params and option.name not in beside
     }
     command = shlex.join(["rotavg", *sys.argv[1:]])
     return Run(command, input_path, settings, {"read": read_seconds})

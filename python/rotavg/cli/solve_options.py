@@ -160,7 +160,7 @@ _OPTIONS: tuple[Callable[[Any], Any], ...] = (
     click.option(
         "--anisotropic",
         is_flag=True,
-        help="Honour the full covariances that the file has (g2o, TORO, text, CSV, npz) or that "
+        help="Honour the full covariances that the file has (pose graphs, text, CSV, npz) or that "
         "the inliers tell (COLMAP's databases), certified.",
     ),
     click.option(

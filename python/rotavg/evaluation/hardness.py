@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg import _core
+from rotavg.base.arrays import Brief
 from rotavg.graph.measurement_graph import MeasurementGraph
 
 # Cycles are long on long trajectories; this many tell enough of their errors.
@@ -15,7 +16,7 @@ _MAX_CYCLES = 20000
 
 
 @dataclass(frozen=True, eq=False)
-class Hardness:
+class Hardness(Brief):
     """Measures of a measurement graph that decide how hard its averaging is.
 
     Attributes:

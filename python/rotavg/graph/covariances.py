@@ -25,7 +25,51 @@ def first_bad_covariance(covariances: NDArray[np.float64]) -> tuple[int, str] | 
     row = int(np.argmin(good))
     if not finite[row]:
         return row, "the covariance holds a NaN or an infinity"
-    return row, "the covariance is not symmetric and positive definite"
+    if off[row] > 1e-9 * size[row]:
+        return row, f"the covariance is not symmetric: entries differ by {off[row]:.3g}"
+    low, _, high = np.linalg.eigvalsh(safe[row]).tolist()
+    found = f"eigenvalues from {low:.3g} to {high:.3g}"
+    return (
+        row,
+        f"the covariance is not positive definite: {found}, expected the least above 1e-13 of the largest",
+    )
+
+
+def of_information(
+    omega: NDArray[np.float64], used: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64] | None, int | None]:
+    """(m, 3, 3) inverse information; or None, and the first row of which rounding leaves none.
+
+    Of edges that are not `used` (m,) it is the identity.
+    """
+    known = np.where(used[:, None, None], omega, np.eye(3))
+    with np.errstate(all="ignore"):
+        covariances = symmetric(np.linalg.inv(known))
+    bad = first_bad_covariance(covariances)
+    return (covariances, None) if bad is None else (None, bad[0])
+
+
+NOT_USED = "covariances not used"
+
+
+def not_used(place: str) -> str:
+    """The note that the covariances are not used, for what stands at a place."""
+    why = "is so uneven about its axes (beyond 1e13) that it has no inverse"
+    return f"{NOT_USED}: the information about the rotation {place} {why}"
+
+
+def information_to_write(
+    covariances: NDArray[np.float64], weights: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(m, 3, 3) information about rotations as files have it, and by what (m,) it was scaled.
+
+    Where the weights are those of the covariances, but for a common factor that is usual, nothing
+    is; else so that the weights w are read back, as 3 / (2 tr Omega^-1).
+    """
+    share = weights * np.trace(covariances, axis1=1, axis2=2) / 1.5
+    if np.allclose(share, 2.0, rtol=1e-9, atol=0.0):  # 3 / tr, the constructor's default
+        share = np.ones_like(share)
+    return information(covariances, share), share
 
 
 def symmetric(matrices: NDArray[np.floating[Any]]) -> NDArray[np.float64]:

@@ -16,13 +16,12 @@ from rotavg.graph.units import note_of_degrees
 _QUATERNION = tuple(f"q{axis}" for axis in "xyzw")
 _ROTVEC = tuple(f"r{axis}" for axis in "xyz")
 _ROTVEC_DEG = tuple(f"r{axis}_deg" for axis in "xyz")
+_COVARIANCE = ("cxx", "cxy", "cxz", "cyy", "cyz", "czz")  # the upper triangle
 _MATRIX = tuple(f"r{row}{column}" for row in range(3) for column in range(3))
 
 
-def arrays_from_frame(
-    frame: Any,
-) -> tuple[IdArray, NDArray[np.float64], NDArray[np.float64] | None, tuple[str, ...]]:
-    """Edges (m, 2), rotations (m, 3, 3), weights (m,), if there are any, and notes, of a frame."""
+def arrays_from_frame(frame: Any) -> dict[str, Any]:
+    """What a frame says, as the constructor of MeasurementGraph takes it."""
     if not hasattr(frame, "columns"):
         raise GraphError(f"found a {type(frame).__name__}, expected a pandas.DataFrame")
     columns = {str(column) for column in frame.columns}
@@ -59,7 +58,25 @@ def arrays_from_frame(
         expected = f"{_list(_QUATERNION)}, {_list(_ROTVEC)} (rx_deg ...) or r00 to r22"
         raise GraphError(f"the frame has the columns {_list(columns)}, expected {expected}")
     weights = numbers(("weight",))[:, 0] if "weight" in columns else None
-    return edges, rotations, weights, notes
+    covariances = None
+    if set(_COVARIANCE) <= columns:
+        covariances = np.empty((len(edges), 3, 3))
+        rows, others = np.triu_indices(3)
+        covariances[:, rows, others] = covariances[:, others, rows] = numbers(_COVARIANCE)
+    return {
+        "edges": edges,
+        "rotations": rotations,
+        "weights": weights,
+        "covariances": covariances,
+        "notes": notes,
+    }
+
+
+def columns_of_covariances(covariances: NDArray[np.float64] | None) -> dict[str, Any]:
+    """The columns of a frame that say them (m, 3, 3); none where there are none."""
+    if covariances is None:
+        return {}
+    return dict(zip(_COVARIANCE, covariances[(slice(None), *np.triu_indices(3))].T))
 
 
 def frame_of_edges(

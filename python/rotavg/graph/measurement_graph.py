@@ -255,12 +255,12 @@ class MeasurementGraph:
         """Graph from a `networkx.DiGraph` or `MultiDiGraph`; rows follow its order of nodes.
 
         Each edge (i, j) has an attribute `rotation` that holds R_ij as a matrix (3, 3) or a
-        quaternion (4,) xyzw, and may have a `weight` (1 otherwise).
+        quaternion (4,) xyzw, and may have a `weight` (1 otherwise) and a `covariance` (3, 3).
         """
         from rotavg.graph.networkx import arrays_from_networkx
 
-        arrays = arrays_from_networkx(graph, rotation, weight)
-        return cls(*arrays, convention=convention, skip_self_edges=skip_self_edges)
+        given = arrays_from_networkx(graph, rotation, weight)
+        return cls(**given, convention=convention, skip_self_edges=skip_self_edges)
 
     @classmethod
     def from_dataframe(
@@ -274,38 +274,35 @@ class MeasurementGraph:
         """Graph from a `pandas.DataFrame` with a row for each edge.
 
         Its columns: `i` and `j`; the relative rotation as a quaternion `qx qy qz qw`, a rotation
-        vector `rx ry rz` in radians, or a matrix `r00` ... `r22` by rows; `weight`, if there is
-        one. Others are not looked at. `to_dataframe` makes such a frame.
+        vector `rx ry rz` in radians, or a matrix `r00` ... `r22` by rows; if there are any,
+        `weight` and the covariance `cxx cxy cxz cyy cyz czz`. Others are not looked at.
+        `to_dataframe` makes such a frame.
 
         Raises GraphError if it lacks a column, and as the constructor does.
         """
         from rotavg.graph.dataframes import arrays_from_frame
 
-        edges, rotations, weights, notes = arrays_from_frame(frame)
-        return cls(
-            edges,
-            rotations,
-            weights,
-            nodes,
-            convention=convention,
-            notes=notes,
-            skip_self_edges=skip_self_edges,
-        )
+        given = arrays_from_frame(frame)
+        return cls(**given, nodes=nodes, convention=convention, skip_self_edges=skip_self_edges)
 
     def to_dataframe(self) -> Any:
         """A `pandas.DataFrame` of the edges: `i`, `j`, `qx qy qz qw` (pose family), `weight`.
 
-        Needs pandas, the extra [pandas].
+        Where there are covariances, `cxx cxy cxz cyy cyz czz` (radians^2) as well. Needs pandas,
+        the extra [pandas].
         """
-        from rotavg.graph.dataframes import frame_of_edges
+        from rotavg.graph.dataframes import columns_of_covariances, frame_of_edges
 
-        return frame_of_edges(self.edges, self.rotations, {"weight": self.weights})
+        further = {"weight": self.weights, **columns_of_covariances(self.covariances)}
+        return frame_of_edges(self.edges, self.rotations, further)
 
     def to_networkx(self) -> Any:
-        """A `networkx.MultiDiGraph` with `rotation` (3, 3) and `weight` on every edge."""
+        """A `networkx.MultiDiGraph`, edges with `rotation` (3, 3), `weight`, any `covariance`."""
         from rotavg.graph.networkx import networkx_from_arrays
 
-        return networkx_from_arrays(self.edges, self.rotations, self.weights, self.nodes)
+        return networkx_from_arrays(
+            self.edges, self.rotations, self.weights, self.nodes, self.covariances
+        )
 
     def to_scipy(self) -> Any:
         """The relative rotations as a `scipy.spatial.transform.Rotation` of length m."""

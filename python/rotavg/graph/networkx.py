@@ -13,10 +13,8 @@ from rotavg.graph import conventions
 from rotavg.graph.ids import IdArray, as_edges, edge_error
 
 
-def arrays_from_networkx(
-    graph: Any, rotation: str, weight: str
-) -> tuple[IdArray, NDArray[np.float64], list[Any], list[Any]]:
-    """Edges, rotations, weights and nodes as the constructor of MeasurementGraph takes them.
+def arrays_from_networkx(graph: Any, rotation: str, weight: str) -> dict[str, Any]:
+    """What a graph says, as the constructor of MeasurementGraph takes it.
 
     See `MeasurementGraph.from_networkx`.
     """
@@ -28,12 +26,24 @@ def arrays_from_networkx(
     edges = as_edges(list(graph.edges()))
     matrices = np.empty((len(edges), 3, 3))
     weights = []
+    spread = [attributes.get("covariance") for _, _, attributes in graph.edges(data=True)]
+    some = [k for k, covariance in enumerate(spread) if covariance is not None]
+    if some and len(some) < len(edges):
+        missing = next(k for k, covariance in enumerate(spread) if covariance is None)
+        reason = f"it has no attribute 'covariance', which {len(some)} of {len(edges)} have"
+        raise edge_error(edges, missing, reason)
     for k, (_, _, attributes) in enumerate(graph.edges(data=True)):
         if rotation not in attributes:
             raise edge_error(edges, k, f"it has no attribute {rotation!r}")
         matrices[k] = _matrix(attributes[rotation], edges, k)
-        weights.append(attributes.get(weight, 1.0))
-    return edges, matrices, weights, list(graph.nodes)
+        weights.append(attributes.get(weight, None if some else 1.0))
+    return {
+        "edges": edges,
+        "rotations": matrices,
+        "weights": None if None in weights else weights,
+        "nodes": list(graph.nodes),
+        "covariances": spread if some else None,
+    }
 
 
 def networkx_from_arrays(
@@ -41,12 +51,14 @@ def networkx_from_arrays(
     rotations: NDArray[np.float64],
     weights: NDArray[np.float64],
     nodes: IdArray,
+    covariances: NDArray[np.float64] | None,
 ) -> Any:
     """See `MeasurementGraph.to_networkx`."""
     result = require("networkx", "networkx").MultiDiGraph()
     result.add_nodes_from(nodes.tolist())
-    for (i, j), R, w in zip(edges.tolist(), rotations, weights.tolist()):
-        result.add_edge(i, j, rotation=R.copy(), weight=w)
+    for k, (i, j) in enumerate(edges.tolist()):
+        spread = {} if covariances is None else {"covariance": covariances[k].copy()}
+        result.add_edge(i, j, rotation=rotations[k].copy(), weight=float(weights[k]), **spread)
     return result
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rotavg.base.arrays import Brief
 from rotavg.base.errors import FormatError, GraphError
 from rotavg.graph.conventions import first_bad_quaternion, matrices_from_quaternions
 from rotavg.graph.ids import IdArray, as_nodes
@@ -19,7 +20,7 @@ QUATERNION = ("qx", "qy", "qz", "qw")
 
 
 @dataclass(frozen=True, eq=False)
-class AbsoluteRotations:
+class AbsoluteRotations(Brief):
     """The rotations of n nodes.
 
     Attributes:

@@ -117,14 +117,28 @@ class Dialect:
         block = self._block(values, d, 3 if d == 2 else 6)
         return block * np.eye(3) if d == 2 else block
 
-    def information(self, translation: Floats, weights: Floats) -> Floats:
-        """Information matrices (m, d, d) of that of translations (m, 3, 3), and weights (m,)."""
+    def information(
+        self,
+        translation: Floats,
+        weights: Floats,
+        rotation: Floats | None = None,
+        cross: Floats | None = None,
+    ) -> Floats:
+        """Information matrices (m, d, d) of that of translations (m, 3, 3), and weights (m,).
+
+        Or, in space, of that of rotations (m, 3, 3) and of both, rows translation (m, 3, 3).
+        """
         d = self.dimension
         size = max(max(place) for place in self.order) + 1
         result = np.zeros((len(weights), size, size))
         result[:, :d, :d] = translation[:, :d, :d]
         turned = np.arange(d, size)
         result[:, turned, turned] = 2 * weights[:, None]
+        if rotation is not None:
+            result[:, d:, d:] = rotation
+            if cross is not None:
+                result[:, :d, d:] = cross
+                result[:, d:, :d] = np.swapaxes(cross, 1, 2)
         return result
 
 

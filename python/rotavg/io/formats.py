@@ -183,8 +183,7 @@ def losses(
     if graph.translations is None and chosen.puts_back:
         told.append("the graph has no translations: those in it are zero and mean nothing")
     source = graph.source
-    kept = chosen.has_covariances or (chosen.puts_back and isinstance(source, PoseFile))
-    if graph.covariances is not None and not kept:
+    if graph.covariances is not None and not chosen.has_covariances:
         told.append(f"the covariances are not in it, {chosen.name} is written without")
     if isinstance(source, PoseFile) and not (
         chosen.puts_back and chosen.recognises(source.data[: registry.HEAD_SIZE])

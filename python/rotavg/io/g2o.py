@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rotavg.base.errors import FormatError
 from rotavg.graph.contents import Quaternions
 from rotavg.graph.conventions import first_bad_quaternion
-from rotavg.graph.covariances import first_bad_covariance, symmetric
+from rotavg.graph.covariances import not_used, of_information
 from rotavg.graph.ids import as_edges, as_ids, edge_error, unique_ids
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.translations import RelativeTranslations, first_not_positive_definite
@@ -150,8 +150,10 @@ def _graph(
     if information is not None and not options.unit_weights:
         omega = dialect.rotation_information(information)
         weights = information_weights(path, omega, lines)
-        if dialect is G2O_3D:
-            covariances = _covariances(omega, weights)
+        if dialect.dimension == 3:
+            covariances, bad_row = of_information(omega, weights > 0)
+            if bad_row is not None:
+                notes += (not_used(f"in line {lines[bad_row]}"),)
     with blame_line(path, lines):
         ids = as_edges(edges.id_array().reshape(-1, 2))
         bad = first_bad_quaternion(turns) if dialect is G2O_3D else None
@@ -178,16 +180,6 @@ def _graph(
             covariances=covariances,
             **options.of_graph,
         )
-
-
-def _covariances(
-    omega: NDArray[np.float64], weights: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
-    """(m, 3, 3) inverse information; None where rounding leaves no covariance."""
-    omega = np.where(weights[:, None, None] > 0, omega, np.eye(3))  # those are not used
-    inverse = np.linalg.inv(omega)
-    covariances = symmetric(inverse)
-    return None if first_bad_covariance(covariances) is not None else covariances
 
 
 def _translations(
@@ -260,6 +252,7 @@ G2O = Format(
     read=read_g2o,
     write=g2o_write.write_g2o,
     has_translations=True,
+    has_covariances=True,
     puts_back=True,
     claims=_has_tag,
     rotations=RotationReader(
@@ -273,6 +266,7 @@ TORO = Format(
     read=read_g2o,
     write=g2o_write.write_toro,
     has_translations=True,
+    has_covariances=True,
     puts_back=True,
     claims=_has_tag,
     rotations=RotationReader(

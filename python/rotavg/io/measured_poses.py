@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg.base.errors import FormatError, GraphError
-from rotavg.graph.covariances import first_bad_covariance, symmetric
+from rotavg.graph.covariances import not_used, of_information, symmetric
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.translations import RelativeTranslations, first_not_positive_definite
 from rotavg.io.g2o_write import kappa
@@ -104,11 +104,9 @@ def measured_poses(
             path, row, "the rotation part of the information matrix is not positive definite"
         )
     elif dimension == 3:
-        known = np.where(nothing[:, None, None], np.eye(3), about)
-        covariances = np.linalg.inv(known)
-        covariances = symmetric(covariances)
-        if first_bad_covariance(covariances) is not None:
-            covariances = None
+        covariances, bad_row = of_information(about, ~nothing)
+        if bad_row is not None:
+            notes += (not_used(f"of edge {bad_row}"),)
     translations = None
     if vectors.any():
         omega = information[:, :3, :3]

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.base.errors import FormatError
-from rotavg.graph.covariances import information, symmetric
+from rotavg.graph.covariances import information_to_write, symmetric
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import nearest_rotation
 from rotavg.io.absolute import AbsoluteRotations, RotationReader
@@ -134,15 +134,16 @@ def _information(graph: MeasurementGraph) -> Floats:
     """(m, 6, 6), rotation first, of which a reader makes the graph's weights."""
     omega = np.tile(np.eye(6), (graph.num_edges, 1, 1))
     omega[:, :3, :3] *= 2 * graph.weights[:, None, None]
+    share = np.ones(graph.num_edges)
     if graph.covariances is not None:
-        share = graph.weights * np.trace(graph.covariances, axis1=1, axis2=2) / 1.5
-        omega[:, :3, :3] = information(graph.covariances, share)
+        omega[:, :3, :3], share = information_to_write(graph.covariances, graph.weights)
     moved = graph.translations
     if moved is not None:
         omega[:, 3:, 3:] = moved.information
         if moved.cross is not None:
-            omega[:, 3:, :3] = moved.cross
-            omega[:, :3, 3:] = np.swapaxes(moved.cross, 1, 2)
+            cross = moved.cross * np.sqrt(share)[:, None, None]  # or it may not be definite
+            omega[:, 3:, :3] = cross
+            omega[:, :3, 3:] = np.swapaxes(cross, 1, 2)
     return omega
 
 
@@ -175,6 +176,7 @@ OPEN3D = Format(
     write=write_open3d,
     has_ids=lambda graph: numbers_of(graph) is not None,
     has_translations=True,
+    has_covariances=True,
     rotations=RotationReader(
         (), read_open3d_rotations, lambda head: _CLASS.search(head) is not None, (".json",)
     ),

@@ -189,9 +189,8 @@ def by_suffix(formats: Sequence[Format], path: Path, *, to_write: bool = False) 
     for form in formats:
         if form.is_name(path):
             return form
-    raise FormatError(
-        f"the name does not tell the format, {expected(formats, to_write)}", path=path
-    )
+    told = "a folder's name" if path.is_dir() else "the name"
+    raise FormatError(f"{told} does not tell the format, {expected(formats, to_write)}", path=path)
 
 
 def why_not_read(form: Format) -> str:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rotavg.base.errors import GraphError, require
 from rotavg.graph.conventions import angles_about_z, matrices_from_angles_about_z
-from rotavg.graph.covariances import first_bad_covariance, information, symmetric
+from rotavg.graph.covariances import information, not_used, of_information
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.translations import RelativeTranslations, first_not_positive_definite
 from rotavg.priors.priors import Priors
@@ -208,11 +208,9 @@ def _graph(
     rotation = omega[:, turn, turn]
     covariances: Floats | None = None
     if kind in ("Rot3", "Pose3"):
-        known = np.where(weights[:, None, None] > 0, rotation, np.eye(3))  # others are not used
-        inverse = np.linalg.inv(known)
-        covariances = symmetric(inverse)
-        if first_bad_covariance(covariances) is not None:
-            covariances = None
+        covariances, bad_row = of_information(rotation, weights > 0)
+        if bad_row is not None:
+            notes += (not_used(f"of {measured[bad_row].what}"),)
     translations = None
     if kind in _TRANSLATION:
         move = _TRANSLATION[kind]

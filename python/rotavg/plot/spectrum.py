@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
 from rotavg.base.arrays import as_floats
-from rotavg.base.errors import require
+from rotavg.base.errors import OptionError, require
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.plot.canvas import axes
 
@@ -36,8 +36,11 @@ def spectrum(solution: Solution, ax: Axes | None = None, *, count: int = 12) -> 
         count: number of eigenvalues.
 
     Raises:
+        OptionError: for a solution with priors, rigs, headings or full covariances, whose
+            certificate is by another matrix.
         MissingExtraError: Matplotlib or SciPy is not installed.
     """
+    _refuse_others(solution)
     drawn = axes(ax)
     graph, R = _largest(solution)
     count = min(count, 3 * graph.num_nodes)
@@ -65,6 +68,20 @@ def spectrum(solution: Solution, ax: Axes | None = None, *, count: int = 12) -> 
     )
     drawn.legend()
     return drawn
+
+
+def _refuse_others(solution: Solution) -> None:
+    for has, what in (
+        (bool(solution.anisotropic), "full covariances"),
+        (solution.upright, "headings alone"),
+        (solution.rigs is not None, "rigs"),
+        (solution.grounded is not None, "priors"),
+    ):
+        if has:
+            raise OptionError(
+                f"the solution has {what}, so that its certificate is not by this S: see "
+                "solution.certificate"
+            )
 
 
 def certificate_matrix(graph: MeasurementGraph, rotations: ArrayLike) -> Any:

@@ -8,11 +8,12 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from rotavg.base.arrays import Brief
 from rotavg.priors.checks import check_fixed, check_rigs
 
 
 @dataclass(frozen=True, eq=False)
-class Rigs:
+class Rigs(Brief):
     """Cameras mounted together: the frame f and sensor s of every image, R_i = Q_f C_s.
 
     Sensors whose rotation C is not given are estimated, together with the rotations Q of the
@@ -36,7 +37,7 @@ class Rigs:
 
 
 @dataclass(frozen=True, eq=False)
-class Priors:
+class Priors(Brief):
     """Prior knowledge of the rotations R_i = world_from_i.
 
     With any of it but rigs alone, the world is no free gauge.

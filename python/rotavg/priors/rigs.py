@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg import _core
-from rotavg.base.arrays import as_floats, read_only
+from rotavg.base.arrays import Brief, as_floats, read_only
 from rotavg.base.errors import GraphError
 from rotavg.graph.counted_weights import counted_weights
 from rotavg.graph.measurement_graph import MeasurementGraph
@@ -21,7 +21,7 @@ _RELATIVE_ROUNDING = 1e-26  # of the weights: below, the measurements fit to rou
 
 
 @dataclass(frozen=True, eq=False)
-class RigFit:
+class RigFit(Brief):
     """What was found of the sensors of rigs.
 
     A mapping from a sensor to its rotation is `rotation_of`; a frame's is in `frames`.

@@ -20,6 +20,7 @@ from rotavg.report import charts, robust, tables
 from rotavg.report.space import space
 from rotavg.report.verdict import statement
 from rotavg.solving.diagnosis import diagnose
+from rotavg.solving.printed import OF_COVARIANCES
 from rotavg.solving.solution import Solution
 
 SUFFIXES = (".html", ".htm")
@@ -32,7 +33,7 @@ class Run:
     Attributes:
         command: the command line or the call.
         input: the file (or folder) that the graph was read from.
-        settings: options by name.
+        settings: what was asked for, by name.
         seconds: further wall-clock times by name, such as that of reading.
     """
 
@@ -161,7 +162,7 @@ def _settings(solution: Solution, run: Run) -> list[tuple[str, str]]:
         ("method", solution.reason or solution.method),
         ("start", solution.init),
         ("iterations", f"{solution.iterations}"),
-        ("objective", f"{solution.objective:.15g}"),
+        ("objective", f"{solution.objective:.15g}{OF_COVARIANCES[solution.anisotropic]}"),
         ("gradient", f"{solution.gradient_norm:.2g}, relative {solution.relative_gradient:.2g}"),
     ]
     if solution.certificate is not None:
@@ -177,10 +178,14 @@ def _settings(solution: Solution, run: Run) -> list[tuple[str, str]]:
     elif run.input is not None:
         rows.append(("input", str(run.input)))
     options = (
-        (f"option {name}", "default" if value is None else str(value))
+        (name if name.startswith("-") else f"option {name}", _default_or(value))
         for name, value in run.settings.items()
     )
     return [*rows, *options]
+
+
+def _default_or(value: object) -> str:
+    return "default" if value is None else str(value)
 
 
 def _seconds(solution: Solution, run: Run) -> list[tuple[str, str]]:

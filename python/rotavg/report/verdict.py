@@ -26,7 +26,7 @@ class Statement:
 
 
 _PROOFS = {
-    "factorization": "a factorisation of the certificate's matrix (Theorem 1)",
+    "factorization": "a factorisation of the certificate's matrix",
     "connectivity": "the graph's connectivity, which outweighs the residuals",
     "relaxation": "the optimum of the relaxation, which no rotations can beat",
     "nonnegativity": "the objective itself, which is zero to the tolerance and cannot be negative",
@@ -43,6 +43,8 @@ def statement(solution: Solution) -> Statement:
     priors = "" if solution.grounded is None else " and priors"
     if certificate.verdict == Verdict.PROVED:
         how = _PROOFS.get(certificate.method, certificate.method)
+        if certificate.method == "factorization":
+            how += " for full covariances" if solution.anisotropic else " (Theorem 1)"
         chance = (
             f", but for a probability of {certificate.failure_probability:.2g}"
             if certificate.failure_probability > 0

@@ -9,7 +9,7 @@ from typing import Union
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg.base.arrays import as_floats
+from rotavg.base.arrays import Brief, as_floats
 from rotavg.base.errors import GraphError
 from rotavg.base.memory import check_memory
 from rotavg.graph.conventions import matrices_from_quaternions, matrices_from_rotvecs
@@ -18,6 +18,7 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.translations import RelativeTranslations
 from rotavg.simulation import topology
 
+_MOST_NOISE = 1e6  # radians; beyond, the angles lose what they are modulo a turn
 # As measured, at most at a time: rotations, noise and their products, the graph; positions.
 _BYTES_PER_EDGE = 350
 _BYTES_PER_NODE = 400
@@ -28,7 +29,7 @@ Noise = Union[float, Callable[[np.random.Generator, int], ArrayLike]]
 
 
 @dataclass(frozen=True, eq=False)
-class Simulation:
+class Simulation(Brief):
     """A simulated measurement graph and what is true about it.
 
     Attributes:
@@ -175,8 +176,9 @@ def _check(kind: str, n: int, noise: Noise, seed: int) -> None:
     smallest = 3 if kind == "cycle" else 2
     if not isinstance(n, (int, np.integer)) or n < smallest:
         raise GraphError(f"n is {n!r}, expected an integer of at least {smallest} for {kind!r}")
-    if not (callable(noise) or 0 <= noise < np.inf):
-        raise GraphError(f"noise is {noise}, expected a standard deviation in radians, >= 0")
+    if not (callable(noise) or 0 <= noise <= _MOST_NOISE):
+        expected = f"a standard deviation in radians, from 0 to {_MOST_NOISE:g}"
+        raise GraphError(f"noise is {noise}, expected {expected}")
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise GraphError(f"seed is {seed!r}, expected an integer >= 0")
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rotavg import _core
 from rotavg.base.arrays import read_only
 from rotavg.base.errors import OptionError
-from rotavg.graph.covariances import information, precision_of_weight_one
+from rotavg.graph.covariances import NOT_USED, information, precision_of_weight_one
 from rotavg.graph.ids import edge_error
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving.certificate import certificate_from_core
@@ -35,7 +35,8 @@ def check(graph: MeasurementGraph, anisotropic: object) -> None:
     if anisotropic not in (True, "log"):
         raise OptionError(f"anisotropic is {anisotropic!r}, expected True, False or 'log'")
     if graph.covariances is None:
-        raise OptionError("anisotropic needs a graph with covariances, and this one has none")
+        why = "".join(f"; {note}" for note in graph.notes if note.startswith(NOT_USED))
+        raise OptionError(f"anisotropic needs a graph with covariances, and this one has none{why}")
     size = np.abs(graph.covariances).max(axis=(1, 2))
     extreme = ~((size > 1 / LARGEST_COVARIANCE) & (size < LARGEST_COVARIANCE))
     if extreme.any():
@@ -43,7 +44,7 @@ def check(graph: MeasurementGraph, anisotropic: object) -> None:
         raise edge_error(
             graph.edges,
             row,
-            f"found a covariance as large as {size[row]:.3g} radians^2; "
+            f"found a covariance whose largest entry is {size[row]:.3g} radians^2; "
             f"expected it between {1 / LARGEST_COVARIANCE:g} and {LARGEST_COVARIANCE:g}",
         )
 

@@ -23,7 +23,7 @@ from rotavg.solving.robust import Loss
 _LOSSES = tuple(loss for loss in get_args(Loss) if loss != "auto")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OnlineSolution(ReadOnly):
     """What `Online` knew at one time.
 

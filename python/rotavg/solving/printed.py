@@ -9,7 +9,7 @@ from rotavg.solving.contamination import contamination_of
 from rotavg.solving.solved import Solved
 from rotavg.solving.uncertainty import beyond_half_a_turn, rms_degrees
 
-_OF_COVARIANCES = {
+OF_COVARIANCES = {
     "": "",
     "chordal": " (full covariances, chords)",
     "log": " (full covariances, logarithms)",
@@ -74,7 +74,7 @@ def _figures(solution: Solved) -> Rows:
     median, high = np.percentile(degrees, [50, 95])
     start = f"{solution.init}, {solution.iterations} iterations"
     return [
-        ("objective", f"{solution.objective:.12g}{_OF_COVARIANCES[solution.anisotropic]}"),
+        ("objective", f"{solution.objective:.12g}{OF_COVARIANCES[solution.anisotropic]}"),
         (
             "residuals",
             f"median {median:.3g} deg, 95 % below {high:.3g}, largest {degrees.max():.3g}",

@@ -76,7 +76,7 @@ class EdgeTableReader {
     C << upper[0], upper[1], upper[2], upper[1], upper[3], upper[4], upper[2], upper[4], upper[5];
     if (!is_positive_definite(C)) {
       source_.refuse(line, "edge " + std::to_string(edge) +
-                               ": the covariance is not symmetric and positive definite");
+                               ": the covariance is not positive definite");
     }
     return C;
   }

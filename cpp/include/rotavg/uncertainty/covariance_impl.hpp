@@ -14,6 +14,9 @@
 
 #include <Eigen/Core>
 
+#include <rotavg/anisotropic/graph.hpp>
+#include <rotavg/anisotropic/hessian.hpp>
+#include <rotavg/anisotropic/residuals.hpp>
 #include <rotavg/compiled.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
@@ -40,13 +43,40 @@ namespace rotavg {
 
 namespace detail {
 
+/// The problem of information matrices: J^T H J of its logarithms is what covariances are made of,
+/// and the Hessian of its chords tells whether R is a minimum, which that does not.
+struct Anisotropic {
+  GravityPairs none;
+  LogLinearization linearization;
+  AnisotropicGraph graph;
+  AnisotropicResiduals residuals;
+
+  Anisotropic(const MeasurementGraph& measurements, const std::vector<Matrix3>& information,
+              const Rotations& R, int num_threads)
+      : linearization(LogObjective(measurements, information, none), R),
+        graph(measurements, never_zero(information)),
+        residuals(graph, to_quaternions(R), num_threads) {}
+  Anisotropic(const Anisotropic&) = delete;
+
+ private:
+  /// Edges that know nothing may hold a graph together.
+  static std::vector<Matrix3> never_zero(std::vector<Matrix3> information) {
+    double largest = 0.0;
+    for (const Matrix3& H : information) largest = std::max(largest, H.trace());
+    for (Matrix3& H : information) {
+      if (!(H.trace() > 0.0)) add_to_diagonal(H, unit_roundoff * largest);
+    }
+    return information;
+  }
+};
+
 /// The covariances of some pairs of one component.
 class ComponentCovariances {
  public:
   /// @param residuals, components, anisotropic, options must outlive this object; `anisotropic` may
   ///        be null
   ComponentCovariances(const ResidualQuaternions& residuals, const Components& components,
-                       Index component, const LogLinearization* anisotropic,
+                       Index component, const Anisotropic* anisotropic,
                        const CovarianceOptions& options)
       : residuals_(residuals),
         components_(components),
@@ -72,18 +102,16 @@ class ComponentCovariances {
   CovarianceStatus operator()(const std::vector<NodePair>& pairs, std::vector<Index> chosen,
                               const std::function<bool()>& keep_going,
                               std::vector<Matrix3>& result) {
-    auto H = anisotropic_ ? anisotropic_->hessian(elimination_)
-                          : hessian_blocks(residuals_, elimination_);
-    hold_turns(H);
     BlockCholesky<3> cholesky(elimination_.symbolic(), elimination_.num_threads());
-    switch (cholesky.factorize(H, 0.0, keep_going)) {
-      case CholeskyOutcome::not_positive_definite:
-        return CovarianceStatus::not_a_minimum;
-      case CholeskyOutcome::stopped:
-        return CovarianceStatus::stopped;
-      case CholeskyOutcome::positive_definite:
-        break;
+    if (anisotropic_) {
+      const auto status =
+          factorize(hessian_blocks(anisotropic_->residuals, elimination_), keep_going, cholesky);
+      if (status != CovarianceStatus::computed) return status;
     }
+    const auto status = factorize(anisotropic_ ? anisotropic_->linearization.hessian(elimination_)
+                                               : hessian_blocks(residuals_, elimination_),
+                                  keep_going, cholesky);
+    if (status != CovarianceStatus::computed) return status;
     const SelectedInverse<3> inverse(cholesky, keep_going);
     if (inverse.stopped()) return CovarianceStatus::stopped;
 
@@ -123,6 +151,20 @@ class ComponentCovariances {
   }
 
  private:
+  CovarianceStatus factorize(BlockCholesky<3>::Blocks H, const std::function<bool()>& keep_going,
+                             BlockCholesky<3>& cholesky) {
+    hold_turns(H);
+    switch (cholesky.factorize(H, 0.0, keep_going)) {
+      case CholeskyOutcome::not_positive_definite:
+        return CovarianceStatus::not_a_minimum;
+      case CholeskyOutcome::stopped:
+        return CovarianceStatus::stopped;
+      case CholeskyOutcome::positive_definite:
+        break;
+    }
+    return CovarianceStatus::computed;
+  }
+
   /// Row of a node in H; -1 for the root, which has none.
   Index row_of(Index node) const {
     return components_.row_in_component[node] - elimination_.skipped();
@@ -168,7 +210,7 @@ class ComponentCovariances {
   const ResidualQuaternions& residuals_;
   const Components& components_;
   Elimination elimination_;
-  const LogLinearization* anisotropic_;
+  const Anisotropic* anisotropic_;
   const CovarianceOptions& options_;
   double scale_;
 };
@@ -216,10 +258,9 @@ inline Covariances covariances_of_pairs(const MeasurementGraph& graph, const Rot
   }
   const ResidualQuaternions residuals(graph, to_quaternions(R),
                                       resolve_num_threads(options.num_threads, graph.num_edges()));
-  const GravityPairs none;
-  std::optional<LogLinearization> anisotropic;
+  std::optional<Anisotropic> anisotropic;
   if (!options.information.empty()) {
-    anisotropic.emplace(LogObjective(graph, options.information, none), R);
+    anisotropic.emplace(graph, options.information, R, residuals.num_threads());
   }
   Covariances result;
   result.pairs.assign(pairs.size(), Matrix3::Zero());
