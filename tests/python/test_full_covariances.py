@@ -288,9 +288,8 @@ def test_a_bad_covariance_in_a_file_is_named_by_its_line(tmp_path: Path) -> None
     path = tmp_path / "graph.csv"
     header = "i,j,qx,qy,qz,qw,cxx,cxy,cxz,cyy,cyz,czz"
     path.write_text(f"{header}\n0,1,0,0,0,1,1,0,0,1,0,1\n1,2,0,0,0,1,1,0,0,-1,0,1\n")
-    with pytest.raises(
-        rotavg.FormatError, match=r"graph\.csv:3.*not positive definite: eigenvalues from -1 to 1"
-    ):
+    says = r"graph\.csv:3.*not positive definite: its eigenvalues are -1 to 1"
+    with pytest.raises(rotavg.FormatError, match=says):
         rotavg.read(path)
 
 
@@ -334,7 +333,7 @@ def test_one_uneven_information_is_told(tmp_path: Path) -> None:
     graph = rotavg.read(path)
     assert graph.covariances is None
     assert any("covariances not used" in note and "in line 3" in note for note in graph.notes)
-    with pytest.raises(rotavg.OptionError, match="has none; covariances not used: .* in line 3"):
+    with pytest.raises(rotavg.OptionError, match=r"has none; covariances not used: .* in line 3"):
         rotavg.solve(graph, anisotropic=True)
 
 

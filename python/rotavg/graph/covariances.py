@@ -28,11 +28,8 @@ def first_bad_covariance(covariances: NDArray[np.float64]) -> tuple[int, str] | 
     if off[row] > 1e-9 * size[row]:
         return row, f"the covariance is not symmetric: entries differ by {off[row]:.3g}"
     low, _, high = np.linalg.eigvalsh(safe[row]).tolist()
-    found = f"eigenvalues from {low:.3g} to {high:.3g}"
-    return (
-        row,
-        f"the covariance is not positive definite: {found}, expected the least above 1e-13 of the largest",
-    )
+    found = f"the covariance is not positive definite: its eigenvalues are {low:.3g} to {high:.3g}"
+    return row, f"{found}, expected the least above 1e-13 of the largest"
 
 
 def of_information(

@@ -10,6 +10,7 @@
 #include <rotavg/anisotropic/graph.hpp>
 #include <rotavg/anisotropic/newton.hpp>
 #include <rotavg/anisotropic/sum.hpp>
+#include <rotavg/certify/proof_costs.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/parallel/threads.hpp>
@@ -62,9 +63,16 @@ class AnisotropicDescent {
     return spent.iterations > 0 ? remaining(options_.iteration, spent) : options_.iteration;
   }
 
-  bool is_refuted(const Solution& solution) const {
-    return solution.certificate.shortfall == Shortfall::negative && is_converged(solution.status) &&
-           may_go_on(solution);
+  /// Whether R is refuted, or nothing is known of it and a staircase, which leaves a bound at
+  /// least, would be quick.
+  bool is_refuted(const Solution& solution) {
+    const Shortfall shortfall = solution.certificate.shortfall;
+    if (!is_converged(solution.status) || !may_go_on(solution)) return false;
+    if (shortfall == Shortfall::negative) return true;
+    if (shortfall != Shortfall::undecided) return false;
+    return std::all_of(eliminations_.begin(), eliminations_.end(), [](Elimination& elimination) {
+      return elimination.flops(3, ProofCosts::quick) <= ProofCosts::quick;
+    });
   }
 
   /// To a stationary point, and certified.
