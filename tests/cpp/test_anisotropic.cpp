@@ -240,6 +240,28 @@ TEST_CASE("what is no precision is refused by its edge") {
                        InvalidEdge);
 }
 
+TEST_CASE("a turn about an axis that is not known costs nothing, however large it is") {
+  // As a free heading does: the cost is that of the tilt, and none of rounding's.
+  Random random;
+  INFO(random.replay());
+  for (int k = 0; k < 200; ++k) {
+    const Vector3 axis = random.direction();
+    const double w = random.power_of_ten(-3.0, 3.0), tilt = random.power_of_ten(-12.0, -1.0);
+    Matrix3 H = w * Matrix3::Identity();
+    H -= w * outer_product(axis, axis);
+    const Matrix3 i_from_j = random.rotation();
+    const AnisotropicGraph graph(MeasurementGraph({{0, 1, i_from_j, 1.0}}), {symmetric_part(H)});
+    // The residual turns about the axis, and then about one across.
+    const Vector3 across = axis.cross(random.direction()).normalized();
+    const double heading = random.uniform(-3.0, 3.0);
+    const Matrix3 R_0 = random.rotation();
+    const Matrix3 R_1 = R_0 * i_from_j * exp_so3(tilt * across) * exp_so3(heading * axis);
+    const double cost = residuals_at(graph, {R_0, R_1}).objective();
+    const double expected = 4.0 * w * std::pow(std::sin(0.5 * tilt), 2);
+    CHECK(std::abs(cost - expected) <= 1e-14 * w * tilt + 1e-28 * w);
+  }
+}
+
 TEST_CASE("of precisions that are singular nothing is NaN, and no objective is negative") {
   Random random;
   INFO(random.replay());

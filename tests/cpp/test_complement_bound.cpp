@@ -1,17 +1,22 @@
 #include <cmath>
 #include <limits>
+#include <vector>
 
 #include <doctest/doctest.h>
 #include <Eigen/Core>
 
+#include <rotavg/certify/certificate.hpp>
 #include <rotavg/certify/complement_bound.hpp>
 #include <rotavg/certify/known_cut.hpp>
 #include <rotavg/certify/local_operator.hpp>
-#include <rotavg/certify/random_start.hpp>
+#include <rotavg/certify/random_start_bound.hpp>
+#include <rotavg/graph/elimination.hpp>
 #include <rotavg/problem/objective.hpp>
+#include <rotavg/so3/lie.hpp>
 #include <rotavg/solve/solve.hpp>
 
 #include "support/certificate_at.hpp"
+#include "support/certificates.hpp"
 #include "support/graphs.hpp"
 #include "support/random.hpp"
 
@@ -62,9 +67,9 @@ double dense_gap(const MeasurementGraph& graph, const Rotations& R, const Eigen:
 TEST_CASE("off the optimum, the gap is what S makes of the leftover, and what other points gain") {
   Random random;
   INFO(random.replay());
-  int positive = 0;
+  int positive = 0, smaller = 0;
   for (int k = 0; k < 200; ++k) {
-    const Index n = 3 + random.below(15);
+    const Index n = 2 + random.below(15);
     const MeasurementGraph graph = random_graph(random, n, random.uniform(0.0, 0.2));
     const Rotations optimum = solve(graph).rotations;
     const Rotations R =
@@ -82,6 +87,11 @@ TEST_CASE("off the optimum, the gap is what S makes of the leftover, and what ot
     CAPTURE(k);
     CAPTURE(expected);
     CHECK(bound.gap <= plain.gap);
+    smaller += bound.gap < 0.5 * plain.gap ? 1 : 0;
+    const auto never = [] { return false; };
+    const ComponentBound stopped = ComplementBound(M, K, cut, never)(0.0, 0.0);
+    CHECK(stopped.gap <= plain.gap);
+    CHECK(stopped.gap >= expected * (1.0 - 1e-7));
     CHECK(bound.gap >= expected * (1.0 - 1e-7));
     CHECK(bound.gap <= 1.3 * expected);
     const double gain = objective(graph, R) - objective(graph, optimum);
@@ -92,6 +102,7 @@ TEST_CASE("off the optimum, the gap is what S makes of the leftover, and what ot
     CHECK(rounded.rounding == doctest::Approx(9e-6));
   }
   CHECK(positive > 100);
+  CHECK(smaller > 50);
 }
 
 TEST_CASE("S is at least the share of the Laplacian that the rounding of edges is held against") {
@@ -133,7 +144,14 @@ TEST_CASE("what is proved at some rotations holds near them, and is forgotten fa
     known.remember(at.S, at.q, least);
     CHECK(known.at(at.S, at.q) == doctest::Approx(least));
     const Matrix3 turn = random.rotation();
-    Rotations R = test::perturbed(random, optimum, std::pow(10.0, random.uniform(-6.0, -1.0)));
+    const double size = std::pow(10.0, random.uniform(-6.0, -1.0));
+    Rotations R = optimum;
+    if (random.coin()) {
+      R = test::perturbed(random, optimum, size);
+    } else {  // one alone: node 0, from which the common turn is read, among them
+      const Index one = random.below(n);
+      R[one] = exp_so3(size * random.normal_vector()) * R[one];
+    }
     for (Matrix3& R_i : R) R_i = (turn * R_i).eval();
     const CertificateAt there(graph, R);
     const double cut = known.at(there.S, there.q);
@@ -142,4 +160,33 @@ TEST_CASE("what is proved at some rotations holds near them, and is forgotten fa
   }
   CHECK(kept > 20);
   CHECK(forgotten > 20);
+}
+
+TEST_CASE("with what an earlier certificate has proved, the next one draws no start") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph graph =
+      simulate_graph(random, test::random_connected(random, 300, 1500), 0.01);
+  const Rotations optimum = solve(graph).rotations;
+  const Components components = connected_components(graph);
+  std::vector<Elimination> eliminations = grounded_eliminations(graph, components, 1);
+  std::vector<KnownCut> cuts;
+  int asked = 0;
+  CertificateOptions options = test::by_random_start();
+  options.num_threads = 1;
+  options.keep_going = [&asked] {
+    ++asked;
+    return true;
+  };
+  const auto certified = [&](const Rotations& R) {
+    asked = 0;
+    return certify(graph, R, components, eliminations, options, {}, {}, &cuts);
+  };
+  CHECK(certified(optimum).verdict == Verdict::proved);
+  const int at_first = asked;
+  const Certificate again = certified(test::perturbed(random, optimum, 1e-8));
+  CHECK(again.method == CertificateMethod::random_start);
+  CHECK(again.failure_probability == options.failure_probability);
+  CHECK(asked < at_first / 2);
+  CHECK(certified(test::perturbed(random, optimum, 0.5)).verdict == Verdict::not_certified);
 }

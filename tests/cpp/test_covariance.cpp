@@ -181,6 +181,22 @@ TEST_CASE("a saddle has no covariance, and pairs of two components none either")
         CovarianceStatus::stopped);
 }
 
+TEST_CASE(
+    "with information matrices a saddle has none either, and edges that know nothing may join") {
+  const MeasurementGraph cycle = test::noiseless_cycle(5);
+  CovarianceOptions options;
+  options.information.assign(5, Matrix3::Identity());
+  CHECK(covariances(cycle, test::twisted(5, 2), {{0, 1}}, options).status ==
+        CovarianceStatus::not_a_minimum);
+  const Rotations R(5, Matrix3::Identity());
+  options.information[4] = Matrix3::Zero();
+  const auto path = covariances(cycle, R, {{0, 4}}, options);
+  REQUIRE(path.status == CovarianceStatus::computed);
+  CHECK((path.pairs[0] - 4.0 * Matrix3::Identity()).norm() <= 1e-9);
+  options.information.assign(5, Matrix3::Zero());
+  CHECK(covariances(cycle, R, {{0, 1}}, options).status == CovarianceStatus::not_a_minimum);
+}
+
 TEST_CASE("what cannot have covariances is refused") {
   Random random;
   INFO(random.replay());

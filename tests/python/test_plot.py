@@ -215,7 +215,7 @@ def test_spectrum_refuses_what_has_another_matrix(solution: rotavg.Solution) -> 
         (fixed, "priors"),
         (rotavg.solve(full, anisotropic=True), "full covariances"),
     ):
-        with pytest.raises(rotavg.OptionError, match=f"the solution has {what}"):
+        with pytest.raises(rotavg.OptionError, match=f"this solution has {what}"):
             plot.spectrum(other)
 
 

@@ -16,7 +16,7 @@ Array = TypeVar("Array", bound="NDArray[Any]")
 
 
 def _brief(value: Any) -> str:
-    """An array, or a tuple or mapping of more than a few, by what it is; else its repr."""
+    """An array or a tuple of more than a few, or a mapping, by what it is; else its repr."""
     few = 4
     if isinstance(value, np.ndarray):
         kind = "str" if value.dtype.kind == "U" else value.dtype

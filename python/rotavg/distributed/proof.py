@@ -37,8 +37,8 @@ def prove(
     """The certificate of where the rounds have led; None where their deadline comes before it.
 
     By a random start, across workers, where that is quick. Where it would take many steps, as on
-    graphs with long thin parts, or falls short by what the least eigenvalue makes of the gradient's
-    rounding, one worker that can hold the graph certifies it; else the steps are taken.
+    graphs with long thin parts, or falls short by what the least eigenvalue makes of the gradient,
+    one worker that can hold the graph certifies it; else the steps are taken.
 
     Args:
         rounds: which have ended.

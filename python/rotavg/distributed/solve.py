@@ -33,7 +33,8 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving import options
 
 _NEAR_ROUNDING = 1e-13  # radians, of the relative gradient
-_OF_NOISE = 1e-5  # the gradient's share that the proof may need
+_OF_NOISE = 1e-5  # of the residuals' root mean square: the gradient that the proof may need
+_FALLING = 0.7  # of a gradient in a round, where rounding does not keep it from falling
 
 MOST_REWEIGHTINGS = 60
 SETTLED = 1e-5  # of the weights, what the last reweighting changes
@@ -174,14 +175,19 @@ class Limits:
             return self.tolerance
         return min(self.tolerance, max(_NEAR_ROUNDING, _OF_NOISE * noise))
 
-    def reason(self, trace: list[Round], tolerance: float) -> str | None:
-        """Why to end after the last round; None to go on."""
+    def reason(self, trace: list[Round], wanted: float) -> str | None:
+        """Why to end after the last round; None to go on.
+
+        Args:
+            trace: the rounds.
+            wanted: the relative gradient.
+        """
         now = trace[-1]
         if self.callback is not None and self.callback(now) is False:
             return "stopped"
-        if now.relative_gradient <= max(tolerance, self.tolerance):
-            falls = len(trace) < 2 or now.relative_gradient < 0.7 * trace[-2].relative_gradient
-            if now.relative_gradient <= tolerance or not falls:
+        if now.relative_gradient <= max(wanted, self.tolerance):
+            falls = len(trace) < 2 or now.relative_gradient < _FALLING * trace[-2].relative_gradient
+            if now.relative_gradient <= wanted or not falls or now.number >= self.max_rounds:
                 return "converged"
         if now.number >= self.max_rounds:
             return f"the limit of {self.max_rounds} rounds"
@@ -190,16 +196,16 @@ class Limits:
         return None
 
 
-def _run(rounds: Rounds, trace: list[Round], limits: Limits, tolerance: float = 0.0) -> str:
-    """Rounds until one of the limits; which."""
+def _run(rounds: Rounds, trace: list[Round], limits: Limits, at_least: float = 0.0) -> str:
+    """Rounds until one of the limits, or a relative gradient of `at_least`; which."""
     while True:
         now = trace[-1]
-        enough = max(tolerance, limits.tolerance_at(rounds.state.level.noise))
-        reason = limits.reason(trace, enough)
+        wanted = max(at_least, limits.tolerance_at(rounds.state.level.noise))
+        reason = limits.reason(trace, wanted)
         if reason is not None:
             return reason
         # A tenth of what is wrong now is near enough for the parts; rounding is in the way of more.
-        near = max(0.1 * max(now.relative_gradient, enough), _NEAR_ROUNDING)
+        near = max(0.1 * max(now.relative_gradient, wanted), _NEAR_ROUNDING)
         trace.append(rounds.next(now.number + 1, near))
 
 
@@ -225,7 +231,7 @@ def _robustly(rounds: Rounds, limits: Limits, seed: int) -> tuple[list[Round], s
         number = trace[-1].number if trace else 0
         trace.append(rounds.told(number, "reweighted"))
         # Not nearer than is worth while: the weights change again.
-        reason = _run(rounds, trace, limits, tolerance=0.05 * trace[-1].relative_gradient)
+        reason = _run(rounds, trace, limits, at_least=0.05 * trace[-1].relative_gradient)
         rotations = rounds.state.rotations
         if reason != "converged" or settled <= SETTLED:
             break

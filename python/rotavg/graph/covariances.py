@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+COVARIANCE = ("cxx", "cxy", "cxz", "cyy", "cyz", "czz")  # the upper triangle, in columns
+
 
 def first_bad_covariance(covariances: NDArray[np.float64]) -> tuple[int, str] | None:
     """Row and defect of the first (m, 3, 3) that is no covariance; None if all are."""
@@ -29,7 +31,7 @@ def first_bad_covariance(covariances: NDArray[np.float64]) -> tuple[int, str] | 
         return row, f"the covariance is not symmetric: entries differ by {off[row]:.3g}"
     low, _, high = np.linalg.eigvalsh(safe[row]).tolist()
     found = f"the covariance is not positive definite: its eigenvalues are {low:.3g} to {high:.3g}"
-    return row, f"{found}, expected the least above 1e-13 of the largest"
+    return row, f"{found}, expected the least above 1e-13 of the largest entry"
 
 
 def of_information(
@@ -51,22 +53,32 @@ NOT_USED = "covariances not used"
 
 def not_used(place: str) -> str:
     """The note that the covariances are not used, for what stands at a place."""
-    why = "is so uneven about its axes (beyond 1e13) that it has no inverse"
+    why = "is too uneven about its axes to be inverted"
     return f"{NOT_USED}: the information about the rotation {place} {why}"
 
 
 def information_to_write(
-    covariances: NDArray[np.float64], weights: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(m, 3, 3) information about rotations as files have it, and by what (m,) it was scaled.
+    covariances: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    cross: NDArray[np.float64] | None = None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """(m, 3, 3) information about rotations as files have it, and with translations, if there is.
 
-    Where the weights are those of the covariances, but for a common factor that is usual, nothing
-    is; else so that the weights w are read back, as 3 / (2 tr Omega^-1).
+    Information Omega reads back as the weight 3 / (2 tr Omega^-1). It is scaled so that the weights
+    are those of the graph; but where these are the constructor's default, 3 / tr of the
+    covariances, the covariances stay as they are, and the weights come back halved.
+
+    Args:
+        covariances: (m, 3, 3).
+        weights: (m,).
+        cross: (m, 3, 3) information about translations and rotations together.
     """
     share = weights * np.trace(covariances, axis1=1, axis2=2) / 1.5
-    if np.allclose(share, 2.0, rtol=1e-9, atol=0.0):  # 3 / tr, the constructor's default
-        share = np.ones_like(share)
-    return information(covariances, share), share
+    used = weights > 0
+    if np.allclose(share[used], 2.0, rtol=1e-9, atol=0.0):
+        share = np.where(used, 1.0, 0.0)
+    scaled = None if cross is None else cross * np.sqrt(share)[:, None, None]
+    return information(covariances, share), scaled  # together still definite
 
 
 def symmetric(matrices: NDArray[np.floating[Any]]) -> NDArray[np.float64]:

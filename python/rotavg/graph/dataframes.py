@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from rotavg.base.errors import GraphError, require
 from rotavg.graph import conventions
+from rotavg.graph.covariances import COVARIANCE
 from rotavg.graph.ids import IdArray, as_edges, edge_error
 from rotavg.graph.units import note_of_degrees
 
 _QUATERNION = tuple(f"q{axis}" for axis in "xyzw")
 _ROTVEC = tuple(f"r{axis}" for axis in "xyz")
 _ROTVEC_DEG = tuple(f"r{axis}_deg" for axis in "xyz")
-_COVARIANCE = ("cxx", "cxy", "cxz", "cyy", "cyz", "czz")  # the upper triangle
 _MATRIX = tuple(f"r{row}{column}" for row in range(3) for column in range(3))
 
 
@@ -59,10 +59,13 @@ def arrays_from_frame(frame: Any) -> dict[str, Any]:
         raise GraphError(f"the frame has the columns {_list(columns)}, expected {expected}")
     weights = numbers(("weight",))[:, 0] if "weight" in columns else None
     covariances = None
-    if set(_COVARIANCE) <= columns:
+    if set(COVARIANCE) & columns:
+        if not set(COVARIANCE) <= columns:
+            found = _list(set(COVARIANCE) & columns)
+            raise GraphError(f"the frame has {found}, expected all of {_list(COVARIANCE)} or none")
         covariances = np.empty((len(edges), 3, 3))
         rows, others = np.triu_indices(3)
-        covariances[:, rows, others] = covariances[:, others, rows] = numbers(_COVARIANCE)
+        covariances[:, rows, others] = covariances[:, others, rows] = numbers(COVARIANCE)
     return {
         "edges": edges,
         "rotations": rotations,
@@ -76,7 +79,7 @@ def columns_of_covariances(covariances: NDArray[np.float64] | None) -> dict[str,
     """The columns of a frame that say them (m, 3, 3); none where there are none."""
     if covariances is None:
         return {}
-    return dict(zip(_COVARIANCE, covariances[(slice(None), *np.triu_indices(3))].T))
+    return dict(zip(COVARIANCE, covariances[(slice(None), *np.triu_indices(3))].T))
 
 
 def frame_of_edges(

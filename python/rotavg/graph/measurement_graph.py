@@ -249,17 +249,19 @@ class MeasurementGraph:
         rotation: str = "rotation",
         weight: str = "weight",
         *,
+        covariance: str = "covariance",
         convention: Convention = "pose",
         skip_self_edges: bool = False,
     ) -> MeasurementGraph:
         """Graph from a `networkx.DiGraph` or `MultiDiGraph`; rows follow its order of nodes.
 
         Each edge (i, j) has an attribute `rotation` that holds R_ij as a matrix (3, 3) or a
-        quaternion (4,) xyzw, and may have a `weight` (1 otherwise) and a `covariance` (3, 3).
+        quaternion (4,) xyzw, and may have a `weight` (1 otherwise). All or none have a `covariance`
+        (3, 3), radians^2; then all or none have a weight (3 / tr of it otherwise).
         """
         from rotavg.graph.networkx import arrays_from_networkx
 
-        given = arrays_from_networkx(graph, rotation, weight)
+        given = arrays_from_networkx(graph, rotation, weight, covariance)
         return cls(**given, convention=convention, skip_self_edges=skip_self_edges)
 
     @classmethod

@@ -13,7 +13,7 @@ from rotavg.graph import conventions
 from rotavg.graph.ids import IdArray, as_edges, edge_error
 
 
-def arrays_from_networkx(graph: Any, rotation: str, weight: str) -> dict[str, Any]:
+def arrays_from_networkx(graph: Any, rotation: str, weight: str, covariance: str) -> dict[str, Any]:
     """What a graph says, as the constructor of MeasurementGraph takes it.
 
     See `MeasurementGraph.from_networkx`.
@@ -26,24 +26,42 @@ def arrays_from_networkx(graph: Any, rotation: str, weight: str) -> dict[str, An
     edges = as_edges(list(graph.edges()))
     matrices = np.empty((len(edges), 3, 3))
     weights = []
-    spread = [attributes.get("covariance") for _, _, attributes in graph.edges(data=True)]
-    some = [k for k, covariance in enumerate(spread) if covariance is not None]
-    if some and len(some) < len(edges):
-        missing = next(k for k, covariance in enumerate(spread) if covariance is None)
-        reason = f"it has no attribute 'covariance', which {len(some)} of {len(edges)} have"
-        raise edge_error(edges, missing, reason)
+    spread = _of_all_or_none(graph, covariance, edges)
     for k, (_, _, attributes) in enumerate(graph.edges(data=True)):
         if rotation not in attributes:
             raise edge_error(edges, k, f"it has no attribute {rotation!r}")
         matrices[k] = _matrix(attributes[rotation], edges, k)
-        weights.append(attributes.get(weight, None if some else 1.0))
+        weights.append(attributes.get(weight, 1.0))
     return {
         "edges": edges,
         "rotations": matrices,
-        "weights": None if None in weights else weights,
+        "weights": weights if spread is None else _of_all_or_none(graph, weight, edges),
         "nodes": list(graph.nodes),
-        "covariances": spread if some else None,
+        "covariances": None if spread is None else _covariances(spread, edges),
     }
+
+
+def _of_all_or_none(graph: Any, name: str, edges: IdArray) -> list[Any] | None:
+    """An attribute of all edges, if any has it; GraphError for the first that lacks it then."""
+    values = [attributes.get(name) for _, _, attributes in graph.edges(data=True)]
+    lacking = [k for k, value in enumerate(values) if value is None]
+    if len(lacking) == len(edges):
+        return None
+    if lacking:
+        count = len(edges) - len(lacking)
+        reason = f"it has no attribute {name!r}, which {count} of {len(edges)} have"
+        raise edge_error(edges, lacking[0], reason)
+    return values
+
+
+def _covariances(values: list[Any], edges: IdArray) -> NDArray[np.float64]:
+    result = np.empty((len(edges), 3, 3))
+    for k, value in enumerate(values):
+        if np.shape(value) != (3, 3):
+            reason = f"its covariance has shape {np.shape(value)}, expected (3, 3)"
+            raise edge_error(edges, k, reason)
+        result[k] = as_floats(value, (3, 3), "covariances")
+    return result
 
 
 def networkx_from_arrays(

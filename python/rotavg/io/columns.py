@@ -17,6 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from rotavg.graph.covariances import COVARIANCE
+
 Kind = Literal["quaternion", "rotation vector", "matrix"]
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
@@ -29,7 +31,6 @@ _ROTATIONS: tuple[tuple[Kind, tuple[str, ...]], ...] = (
     ("rotation vector", _VECTOR),
     ("rotation vector", _DEGREES),
 )
-COVARIANCE = ("cxx", "cxy", "cxz", "cyy", "cyz", "czz")
 EXPECTED = "i and j (or id), a rotation (qx qy qz qw, rx ry rz or r11 ... r33), and weight"
 
 _ENDS = {

@@ -61,9 +61,9 @@ def write_g2o(path: Path, item: Writable) -> bytes:
     pose: that is the gauge. Vertex and edge lines go with their nodes and edges; an edge with a new
     weight has the rotation part of its information scaled to it. Every other byte stays.
 
-    Anything else is written with the inverse of its covariances, or with the information 2 w I of a
-    rotation of weight w, which reads back as w, and with zero translations of unit information
-    where the graph has no translations.
+    Anything else is written with the inverse of its covariances, scaled by the weights unless these
+    are the default 3 / tr, or with the information 2 w I of a rotation of weight w, which reads
+    back as w; and with zero translations of unit information where the graph has none.
     """
     return _write(path, item, (G2O_3D, G2O_2D))
 
@@ -263,9 +263,8 @@ def _edges(dialect: Dialect, graph: MeasurementGraph) -> bytes:
         poses = dialect.poses(vectors, graph.rotations)
     rotation = cross = None
     if graph.covariances is not None and dialect.dimension == 3:
-        rotation, share = information_to_write(graph.covariances, graph.weights)
-        if moved is not None and moved.cross is not None:
-            cross = moved.cross * np.sqrt(share)[:, None, None]  # or it may not be definite
+        between = None if moved is None else moved.cross
+        rotation, cross = information_to_write(graph.covariances, graph.weights, between)
     values = dialect.values(dialect.information(certain, graph.weights, rotation, cross))
     numbers = np.hstack([poses, values])
     return bulk.write_rows(graph.edges, numbers, tag=dialect.edge.decode(), short_zeros=True)

@@ -32,6 +32,10 @@ class Places:
             return FormatError(reason, path=path, line=self.lines[row])
         return FormatError(f"{self.names[row]}: {reason}", path=path)
 
+    def name(self, row: int) -> str:
+        """Of one of them, in a sentence."""
+        return f"in line {self.lines[row]}" if self.lines else f"of {self.names[row]}"
+
 
 def inverse(path: Path, covariances: Floats, places: Places) -> Floats:
     """Information (m, d, d) of covariances; FormatError for the first that is none."""
@@ -41,8 +45,11 @@ def inverse(path: Path, covariances: Floats, places: Places) -> Floats:
     asymmetry = np.abs(unit - np.swapaxes(unit, 1, 2)).max(axis=(1, 2))
     bad = (np.linalg.eigvalsh(unit)[:, 0] <= 1e-13) | (asymmetry > 1e-6)
     if bad.any():
-        reason = "the covariance is not symmetric and positive definite"
-        raise places.error(path, int(np.argmax(bad)), reason)
+        row = int(np.argmax(bad))
+        reason = "the covariance is not positive definite"
+        if asymmetry[row] > 1e-6:
+            reason = "the covariance is not symmetric"
+        raise places.error(path, row, reason)
     with np.errstate(over="ignore", divide="ignore"):
         found = np.linalg.inv(unit) / (scale[:, :, None] * scale[:, None, :])
     finite = np.isfinite(found).all(axis=(1, 2))
@@ -106,7 +113,7 @@ def measured_poses(
     elif dimension == 3:
         covariances, bad_row = of_information(about, ~nothing)
         if bad_row is not None:
-            notes += (not_used(f"of edge {bad_row}"),)
+            notes += (not_used(places.name(bad_row)),)
     translations = None
     if vectors.any():
         omega = information[:, :3, :3]

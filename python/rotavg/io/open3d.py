@@ -134,16 +134,15 @@ def _information(graph: MeasurementGraph) -> Floats:
     """(m, 6, 6), rotation first, of which a reader makes the graph's weights."""
     omega = np.tile(np.eye(6), (graph.num_edges, 1, 1))
     omega[:, :3, :3] *= 2 * graph.weights[:, None, None]
-    share = np.ones(graph.num_edges)
-    if graph.covariances is not None:
-        omega[:, :3, :3], share = information_to_write(graph.covariances, graph.weights)
     moved = graph.translations
+    cross = None if moved is None else moved.cross
+    if graph.covariances is not None:
+        omega[:, :3, :3], cross = information_to_write(graph.covariances, graph.weights, cross)
     if moved is not None:
         omega[:, 3:, 3:] = moved.information
-        if moved.cross is not None:
-            cross = moved.cross * np.sqrt(share)[:, None, None]  # or it may not be definite
-            omega[:, 3:, :3] = cross
-            omega[:, :3, 3:] = np.swapaxes(cross, 1, 2)
+    if cross is not None:
+        omega[:, 3:, :3] = cross
+        omega[:, :3, 3:] = np.swapaxes(cross, 1, 2)
     return omega
 
 

@@ -21,12 +21,12 @@ import numpy as np
 from rotavg.base.errors import FormatError
 from rotavg.graph.contents import Quaternions
 from rotavg.graph.conventions import first_bad_quaternion, matrices_from_quaternions
+from rotavg.graph.covariances import COVARIANCE
 from rotavg.graph.ids import as_edges, edge_error
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import TOLERANCE, nearest_rotation
 from rotavg.io import bulk
 from rotavg.io.absolute import QUATERNION, AbsoluteRotations, RotationReader, distinct, labels_of
-from rotavg.io.columns import COVARIANCE
 from rotavg.io.fields import Row, Rows, is_header, split, title_words
 from rotavg.io.lines import content_lines, is_number, plain_name
 from rotavg.io.registry import (

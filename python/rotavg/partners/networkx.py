@@ -14,11 +14,17 @@ def from_networkx(
     weight: str = "weight",
     convention: Convention = "pose",
     *,
+    covariance: str = "covariance",
     skip_self_edges: bool = False,
 ) -> MeasurementGraph:
     """See `MeasurementGraph.from_networkx`."""
     return MeasurementGraph.from_networkx(
-        graph, rotation, weight, convention=convention, skip_self_edges=skip_self_edges
+        graph,
+        rotation,
+        weight,
+        covariance=covariance,
+        convention=convention,
+        skip_self_edges=skip_self_edges,
     )
 
 

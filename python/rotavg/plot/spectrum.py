@@ -40,7 +40,7 @@ def spectrum(solution: Solution, ax: Axes | None = None, *, count: int = 12) -> 
             certificate is by another matrix.
         MissingExtraError: Matplotlib or SciPy is not installed.
     """
-    _refuse_others(solution)
+    _check_has_this_matrix(solution)
     drawn = axes(ax)
     graph, R = _largest(solution)
     count = min(count, 3 * graph.num_nodes)
@@ -70,17 +70,17 @@ def spectrum(solution: Solution, ax: Axes | None = None, *, count: int = 12) -> 
     return drawn
 
 
-def _refuse_others(solution: Solution) -> None:
+def _check_has_this_matrix(solution: Solution) -> None:
     for has, what in (
         (bool(solution.anisotropic), "full covariances"),
-        (solution.upright, "headings alone"),
+        (solution.upright, "headings"),
         (solution.rigs is not None, "rigs"),
         (solution.grounded is not None, "priors"),
     ):
         if has:
             raise OptionError(
-                f"the solution has {what}, so that its certificate is not by this S: see "
-                "solution.certificate"
+                f"the spectrum is that of S for rotations alone; this solution has {what}, and its "
+                "certificate is by another matrix (solution.certificate)"
             )
 
 

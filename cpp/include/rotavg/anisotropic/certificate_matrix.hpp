@@ -95,9 +95,9 @@ class AnisotropicCertificateMatrix {
     return less;
   }
 
-  /// The least t with S >= L_W - t diag(scale), L_W that of the edges of which less_firm_edges()
-  /// takes: an edge adds d^T W d - 2 x_i . p x x_j, which is d^T W d - |p| (|x_i|^2 + |x_j|^2) at
-  /// least, and where W is not positive it is bounded in the same way.
+  /// A t with S >= L_W - t diag(scale), L_W that of the edges of which less_firm_edges() takes. An
+  /// edge adds d^T W d - 2 x_i . p x x_j, which is at least d^T W d - |p| (|x_i|^2 + |x_j|^2), and
+  /// d^T W d at least -2 max(-lambda_min(W), 0) (|x_i|^2 + |x_j|^2) where it is not firm.
   double below_firm_edges() const {
     std::vector<double> below(nodes_.size());
     for (Index a = 0; a < num_nodes(); ++a) below[a] = pull_[a] + block_rounding(a);
@@ -123,6 +123,7 @@ class AnisotropicCertificateMatrix {
   int num_threads() const { return num_threads_; }
   /// At least the largest absolute entry of the blocks in row a, and of their sum.
   double scale(Index a) const { return scale_[a]; }
+  double least_scale() const { return *std::min_element(scale_.begin(), scale_.end()); }
 
   /// S X, without forming S.
   Eigen::MatrixXd apply(const Eigen::MatrixXd& X) const {

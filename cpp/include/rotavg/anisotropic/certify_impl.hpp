@@ -100,7 +100,10 @@ inline ComponentBound bound_component_by_random_start(const AnisotropicCertifica
                                   options.keep_going);
     bound.failure_probability = options.failure_probability;
   } else if (result.outcome == RandomStartOutcome::negative) {
-    bound.lambda_min = result.quotient;
+    // Of a vector x that refutes R; else x^T S x = quotient x^T D x is at most this of |x|^2.
+    const bool has_x = result.x.size() > 0;
+    bound.lambda_min = has_x ? result.x.dot(S.apply(result.x).col(0)) / result.x.squaredNorm()
+                             : result.quotient * S.least_scale();
   }
   return bound;
 } catch (const std::bad_alloc&) {  // its rows take 160 bytes an edge; a factorisation may do
@@ -198,9 +201,7 @@ ROTAVG_INLINE Certificate certify(const AnisotropicGraph& graph, const Rotations
   }
   Certificate certificate = detail::certificate_of(std::move(parts), options.tolerance);
   const bool stopped = options.keep_going && !options.keep_going();
-  if (stopped && certificate.shortfall == Shortfall::undecided) {
-    certificate.shortfall = Shortfall::stopped;
-  }
+  if (stopped) certificate.shortfall = detail::shortfall_if_stopped(certificate);
   return certificate;
 }
 

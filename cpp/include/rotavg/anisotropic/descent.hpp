@@ -63,16 +63,19 @@ class AnisotropicDescent {
     return spent.iterations > 0 ? remaining(options_.iteration, spent) : options_.iteration;
   }
 
-  /// Whether R is refuted, or nothing is known of it and a staircase, which leaves a bound at
-  /// least, would be quick.
-  bool is_refuted(const Solution& solution) {
-    const Shortfall shortfall = solution.certificate.shortfall;
+  bool is_refuted(const Solution& solution) const {
+    return solution.certificate.shortfall == Shortfall::negative && is_converged(solution.status) &&
+           may_go_on(solution);
+  }
+  /// Whether nothing is known of R, and a staircase would be quick, which leaves a bound at least.
+  bool is_worth_a_climb(const Solution& solution) {
+    if (solution.certificate.shortfall != Shortfall::undecided) return false;
     if (!is_converged(solution.status) || !may_go_on(solution)) return false;
-    if (shortfall == Shortfall::negative) return true;
-    if (shortfall != Shortfall::undecided) return false;
-    return std::all_of(eliminations_.begin(), eliminations_.end(), [](Elimination& elimination) {
-      return elimination.flops(3, ProofCosts::quick) <= ProofCosts::quick;
-    });
+    double flops = 0.0;
+    for (Elimination& elimination : eliminations_) {
+      flops += elimination.flops(3, ProofCosts::quick);
+    }
+    return flops <= ProofCosts::quick;
   }
 
   /// To a stationary point, and certified.
@@ -114,8 +117,8 @@ class AnisotropicDescent {
       fix_gauge(components_, next.rotations);
       next.timings.solve += watch_.seconds() - before;
     };
-    return rotavg::polish(solution, options_.certificate.tolerance, limits(solution), go_on,
-                          [this](Solution& next) { certify(next); });
+    return rotavg::polish(solution, options_.certificate.tolerance, limits(solution),
+                          /*by_sweeps=*/false, go_on, [this](Solution& next) { certify(next); });
   }
 
  protected:

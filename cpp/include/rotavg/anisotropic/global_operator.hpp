@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -12,7 +13,6 @@
 #include <rotavg/certify/bound.hpp>
 #include <rotavg/certify/complement_bound.hpp>
 #include <rotavg/certify/operator_columns.hpp>
-#include <rotavg/certify/random_start.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
 #include <rotavg/linalg/huge_pages.hpp>
 #include <rotavg/parallel/reduce.hpp>
@@ -84,7 +84,7 @@ class GlobalOperator : public OperatorColumns<GlobalOperator<C>, C> {
       const double sums = 8.0 * (S_->num_edges_at(a) + 16.0) * unit_roundoff;
       worst = std::max(worst, S_->block_rounding(a) / degree(a) + sums);
     }
-    return worst;
+    return worst + this->rounding_of_sums();
   }
 
   /// result <- scale D^-1 S z + shift z + old result * factor

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/linalg/symmetric_eigen.hpp>
 #include <rotavg/problem/check_precisions.hpp>
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/so3/small_products.hpp>
@@ -55,6 +56,11 @@ class AnisotropicGraph {
     for (Index k = 0; k < num_edges(); ++k) {
       const Vector3 axes = checked_precision(k, precisions_[k]);
       unevenness_ += std::min(most_uneven, std::sqrt(axes(2) / std::max(axes(0), 0.0)));
+      if (!(axes(0) > nearly_singular * axes(2))) {
+        if (root_of_.empty()) root_of_.assign(precisions_.size(), -1);
+        root_of_[k] = static_cast<Index>(roots_.size());
+        roots_.push_back(root_of(precisions_[k]));
+      }
       weights.push_back(precisions_[k].trace() / 6.0);
       Matrix3 M = -precisions_[k];
       add_to_diagonal(M, 3.0 * weights.back());
@@ -80,6 +86,12 @@ class AnisotropicGraph {
 
   /// (m,) H.
   const std::vector<Matrix3>& precisions() const { return precisions_; }
+  /// A with A^T A = H where H is nearly singular, without what rounding leaves of eigenvalues that
+  /// are zero; else null. There v^T H v is |A v|^2, as v may be long along the axes that are not
+  /// known (the heading of an edge of gravity) and H rounds by more than what the others cost.
+  const Matrix3* root(Index k) const {
+    return root_of_.empty() || root_of_[k] < 0 ? nullptr : &roots_[root_of_[k]];
+  }
   /// How far H is from a multiple of I: the root of its largest eigenvalue over its least, the mean
   /// over the edges, of which each counts as at most 10; 1 where all axes are known alike.
   double unevenness() const { return unevenness_; }
@@ -91,11 +103,24 @@ class AnisotropicGraph {
   }
 
  private:
+  static Matrix3 root_of(const Matrix3& H) {
+    constexpr double zero = 1e-14;  // of the largest eigenvalue
+    const SymmetricEigen eigen = symmetric_eigen(H);
+    Matrix3 A = transposed(eigen.vectors);
+    for (int k = 0; k < 3; ++k) {
+      const double value = eigen.values(k);
+      A.row(k) *= value > zero * eigen.values(2) ? std::sqrt(value) : 0.0;
+    }
+    return A;
+  }
+
   MeasurementGraph scalar_;
   std::vector<Matrix3> precisions_;
   std::vector<FreeAxis> free_axes_;
   std::vector<Matrix3> blocks_;  ///< N
-  static constexpr double most_uneven = 10.0;
+  std::vector<Index> root_of_;   ///< (m,) of the edges that have a root, or -1; empty without any
+  std::vector<Matrix3> roots_;
+  static constexpr double most_uneven = 10.0, nearly_singular = 1e-6;
   double unevenness_ = 0.0;
 };
 

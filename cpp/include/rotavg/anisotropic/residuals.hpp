@@ -55,7 +55,8 @@ struct EdgeForce {
 ///     Hessian        2 T at ii and jj, -2 (T + [p]) at ij
 ///     certificate    anisotropic/split.hpp
 ///
-/// The objective and p are exact to a few roundings of v, however small it is.
+/// The objective is exact to a few roundings of v, however small it is, and so is p where H is far
+/// from singular.
 class AnisotropicResiduals {
  public:
   /// @param graph must outlive this object
@@ -83,7 +84,13 @@ class AnisotropicResiduals {
       add_to_diagonal(force_[k].T, G.trace());
       force_[k].p = e.w() * Hv + cross(v, Hv);
       force_[k].sine = v.norm();
-      return force_[k].cost = std::max(4.0 * v.dot(Hv), 0.0);  // H may be singular
+      const Matrix3* const A = graph_->root(k);
+      double square = std::max(v.dot(Hv), 0.0);
+      if (A) {
+        const Vector3 v_j = R_j.transpose() * v, known = *A * v_j;
+        square = known.squaredNorm();
+      }
+      return force_[k].cost = 4.0 * square;
     });
     for (const FreeAxis& free : graph_->free_axes()) {
       const Vector3 a = product(weighted_rotation(q[edges[free.edge].j]), free.axis);

@@ -44,7 +44,7 @@ class AnisotropicRun : private AnisotropicDescent {
     }
     if (chooses() && is_refuted(solution)) try_chordal_start(solution);
     if (options_.method == Method::automatic && options_.max_rank >= first_rank &&
-        is_refuted(solution)) {
+        (is_refuted(solution) || is_worth_a_climb(solution))) {
       climb(solution.rotations, solution);
     }
     stop_.tell(solution, chooses());

@@ -24,8 +24,8 @@ class KnownCut;
 /// @param eliminations of all components, without their roots
 /// @param known lower bounds on the optimum of every component; none if empty
 /// @param gravity edges whose constant counts for nothing in what the gap is held against
-/// @param cuts what the certificates of earlier iterates have proved of every component, if the
-///        caller keeps that; empty at first
+/// @param cuts what earlier certificates have proved of every component of the same graph, with the
+///        same weights; read and renewed; empty at first; null where nothing is kept
 ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations& R,
                                   const Components& components,
                                   std::vector<Elimination>& eliminations,

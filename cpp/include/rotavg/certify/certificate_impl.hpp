@@ -12,6 +12,7 @@
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/certify/component_bound.hpp>
 #include <rotavg/certify/component_certificate.hpp>
+#include <rotavg/certify/known_cut.hpp>
 #include <rotavg/compiled.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
@@ -143,10 +144,9 @@ ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations
     } else {
       const CertificateMatrix S(sums, components, c);
       const double resolution = measures[c].scale() * options.tolerance;
-      KnownCut none;
       const ComponentBound bound =
           ComponentBounds(S, q, eliminations[c], resolution, measures[c].noise(), gravity, options,
-                          cuts ? (*cuts)[c] : none)();
+                          cuts ? &(*cuts)[c] : nullptr)();
       part = detail::certify_component(bound, known.empty() ? LowerBound{} : known[c], measures[c],
                                        options.tolerance);
     }
@@ -154,9 +154,7 @@ ROTAVG_INLINE Certificate certify(const MeasurementGraph& graph, const Rotations
   }
   Certificate certificate = detail::certificate_of(std::move(parts), options.tolerance);
   const bool stopped = options.keep_going && !options.keep_going();
-  if (stopped && certificate.shortfall == Shortfall::undecided) {
-    certificate.shortfall = Shortfall::stopped;
-  }
+  if (stopped) certificate.shortfall = detail::shortfall_if_stopped(certificate);
   return certificate;
 }
 

@@ -4,12 +4,12 @@
 #include <cmath>
 #include <cstddef>
 #include <functional>
+#include <utility>
 
 #include <Eigen/Core>
 
 #include <rotavg/certify/bound.hpp>
 #include <rotavg/parallel/threads.hpp>
-#include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -24,14 +24,15 @@ namespace rotavg {
 ///
 ///     c^T K^T z = c^T Z^T S z + c^T rho^T z <= (|S^1/2 Z c| + |D^-1/2 rho c| / cut^1/2) |S^1/2 z|,
 ///
-/// so x^T S x >= 2 c^T K^T z + z^T S z is at least minus the square of what stands in the brackets.
-/// As c is a weighted mean of the blocks of x (certify/connectivity.hpp),
+/// and as N^T S N = 0, x^T S x = 2 c^T K^T z + z^T S z is at least minus the square of what stands
+/// in the brackets. The three rows of a point of (6) add up to that of all columns (Minkowski), as
+/// their means c, weighted by D, satisfy sum c c^T <= I (certify/connectivity.hpp):
 ///
 ///     f(R) - f* <= (tr(Z^T S Z)^1/2 + |D^-1/2 rho|_F / cut^1/2)^2.
 ///
-/// Z = 0 takes no product, and all of K at the least eigenvalue; where that is more than can be
-/// told from zero, conjugate gradients for S Z = K. What rounding has done to K stands in the
-/// brackets, too.
+/// Z = 0 takes no product, but charges all of K to the least eigenvalue. Where that exceeds the
+/// resolution, Z comes from conjugate gradients for S Z = K. What rounding has done to K is added
+/// in the brackets, too.
 ///
 /// @tparam Operator M = D^-1/2 S D^-1/2 on three columns (LocalOperator<3> or one like it)
 template <typename Operator>
@@ -66,6 +67,7 @@ class ComplementBound {
   }
 
  private:
+  using Block = typename Operator::Block;
   using Vectors = typename Operator::Vectors;
   using Row = typename Operator::Row;
 
@@ -83,18 +85,20 @@ class ComplementBound {
     return rho;
   }
 
-  /// What stands in the brackets, with Z by conjugate gradients that D preconditions: as many steps
-  /// as bring what is left of K down to a small part of it, at most.
+  /// What stands in the brackets, with Z by conjugate gradients that D preconditions. They end
+  /// where what is left of K adds little, or the gap is small enough. M has its spectrum in [cut,
+  /// 2], so that the error falls by e^-sqrt(2 cut) a step, and 4 / sqrt(cut) leave less than one
+  /// per cent.
   double by_conjugate_gradients(Vectors rho, double rounding, double resolution) const {
-    constexpr double small_part = 0.1, most_steps = 1000.0;
-    const int max_steps = static_cast<int>(std::min(4.0 / std::sqrt(cut_), most_steps));
+    constexpr double little = 0.1, small_enough = 0.5, steps_of_root = 4.0, most_steps = 1000.0;
+    const int max_steps = static_cast<int>(std::min(steps_of_root / std::sqrt(cut_), most_steps));
     Vectors Z(rho.size(), Block::Zero()), P(rho), SP(rho.size(), Block::Zero());
     Row squares = M_.products(rho, rho);
     double energy = 0.0;  // tr(Z^T S Z)
     for (int k = 0; k < max_steps; ++k) {
       const double left = std::sqrt(sum(squares) / cut_), root = std::sqrt(energy);
-      if (left <= small_part * root) break;
-      if (square(root + left + rounding) <= 0.5 * resolution) break;
+      if (left <= little * root) break;
+      if (square(root + left + rounding) <= small_enough * resolution) break;
       if (keep_going_ && !keep_going_()) break;
       M_.apply(P, 1.0, 0.0, 0.0, SP);
       M_.project(SP);
@@ -117,11 +121,13 @@ class ComplementBound {
       add_columns(along, P, SP);
       std::swap(P, SP);
     }
-    return in_brackets(Z, std::move(SP));
+    rho = P = Vectors();  // their memory is needed
+    return in_brackets(std::move(Z), std::move(SP));
   }
 
-  /// For any Z, with the rounding of S Z.
-  double in_brackets(const Vectors& Z, Vectors SZ) const {
+  /// What stands in the brackets for the part of Z on the complement; the rounding of S Z is added.
+  double in_brackets(Vectors Z, Vectors SZ) const {
+    M_.project(Z);
     M_.apply(Z, 1.0, 0.0, 0.0, SZ);
     const double size = std::sqrt(sum(M_.products(Z, Z))), error = M_.rounding() * size;
     const double energy = std::max(sum(M_.products(Z, SZ)), 0.0) + error * size;
@@ -141,8 +147,6 @@ class ComplementBound {
                    }
                  });
   }
-
-  using Block = typename Operator::Block;
 
   const Operator& M_;
   const Eigen::MatrixXd& K_;

@@ -13,6 +13,7 @@
 #include <rotavg/certify/min_eigenvalue.hpp>
 #include <rotavg/certify/proof_costs.hpp>
 #include <rotavg/certify/random_start.hpp>
+#include <rotavg/certify/random_start_bound.hpp>
 #include <rotavg/certify/shifted_factorization.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/linalg/memory.hpp>
@@ -23,6 +24,7 @@ namespace rotavg {
 
 /// What S at some rotations says of one component, by the way that is predicted to cost least:
 ///
+/// - what was proved at rotations nearby (known_cut.hpp), if that is enough;
 /// - the factorisation of S, where it is quick, or costs at most a few times what a random start
 ///   would: it is the surest, and the only one that graphs with long thin parts allow;
 /// - the connectivity, which takes 1/27 of that at most, on dense graphs;
@@ -35,10 +37,11 @@ class ComponentBounds {
   ///        options must outlive this object
   /// @param resolution how small a gap has to be told from zero
   /// @param noise the objective over the sum of weights
-  /// @param known of this component, by an earlier certificate; it learns from this one
+  /// @param known of this component, by an earlier certificate, and renewed by this one; may be
+  /// null
   ComponentBounds(const CertificateMatrix& S, const Quaternions& q, Elimination& elimination,
                   double resolution, double noise, const GravityPairs& gravity,
-                  const CertificateOptions& options, KnownCut& known)
+                  const CertificateOptions& options, KnownCut* known)
       : S_(S),
         q_(q),
         elimination_(elimination),
@@ -56,8 +59,8 @@ class ComponentBounds {
     constexpr double dense = 0.1, near_complete = 0.5;  // of all pairs of nodes
     const double n = S_.num_nodes(), connectivity_flops = Connectivity::flops(n);
     const double by_products = cost(Costs::usual_products);
-    if (const double cut = known_.at(S_, q_); cut > 0.0) {
-      const ComponentBound bound = by_cut(LocalOperator<3>(S_, q_), cut);
+    if (const double cut = known_ ? known_->at(S_, q_) : 0.0; cut > 0.0) {
+      const ComponentBound bound = by_cut([&] { return LocalOperator<3>(S_, q_); }, cut);
       if (is_enough(bound)) return bound;
     }
     // Dense graphs before a factorisation of S is even analysed: it fills in.
@@ -202,18 +205,23 @@ class ComponentBounds {
     const RandomStartResult result = random_start();
     ComponentBound bound;
     if (result.outcome == RandomStartOutcome::positive) {
-      known_.remember(S_, q_, result.cut);
-      bound = by_cut(LocalOperator<3>(random_start.M()), result.cut);
+      if (known_) known_->remember(S_, q_, result.cut);
+      bound = by_cut([&] { return LocalOperator<3>(random_start.M()); }, result.cut);
     } else if (result.outcome == RandomStartOutcome::negative) {
       bound = bound_by_eigenvalue(S_, options_.keep_going, few_iterations, result.x);
     }
     return bound;
   }
 
-  ComponentBound by_cut(const LocalOperator<3>& M, double cut) const {
+  /// CertificateMethod::none where there is no memory for it.
+  template <typename Make>
+  ComponentBound by_cut(Make&& make_M, double cut) const try {
+    const LocalOperator<3> M = make_M();
     ComponentBound bound = bound_by_random_start(S_, M, cut, resolution_, options_.keep_going);
     bound.failure_probability = options_.failure_probability;
     return bound;
+  } catch (const std::bad_alloc&) {
+    return {};
   }
 
   const CertificateMatrix& S_;
@@ -222,7 +230,7 @@ class ComponentBounds {
   double resolution_, noise_;
   const GravityPairs& gravity_;
   const CertificateOptions& options_;
-  KnownCut& known_;
+  KnownCut* known_;
   double ends_ = 0.0;  ///< of edges
   bool connectivity_failed_ = false;
 };

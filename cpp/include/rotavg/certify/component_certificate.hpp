@@ -24,7 +24,7 @@ enum class Shortfall {
   negative,    ///< S has a negative eigenvalue: R is not the optimum, or the relaxation not tight
   relaxation,  ///< the gap is the distance to the optimum of the relaxation, which was met
   undecided,   ///< nothing was proved, nor refuted
-  stopped,     ///< by keep_going, before anything was
+  stopped,     ///< by keep_going, before anything was, or before the gap was found
 };
 
 /// How far the objective at R can be from the global optimum (Theorem 1, and beyond it for points
@@ -33,6 +33,7 @@ struct ComponentCertificate {
   Verdict verdict = Verdict::not_run;
   CertificateMethod method = CertificateMethod::none;
   /// Smallest eigenvalue of S = Lambda - Rt, Lambda symmetrised; zero to rounding at the optimum.
+  /// Where S is not positive, and large, what an iteration has come down to: not less than it.
   /// NaN where it is not known: the work was stopped, or the iteration did not converge.
   double lambda_min = 0.0;
   /// f(R) - f* <= gap.
@@ -133,6 +134,15 @@ inline ComponentCertificate certify_component(const ComponentBound& bound, const
                                                      : Shortfall::undecided;
   }
   return certificate;
+}
+
+/// What keeps a certificate from the tolerance that was stopped on its way: after a random start
+/// the gap is only what is known without any product.
+inline Shortfall shortfall_if_stopped(const Certificate& certificate) {
+  const bool by_start = certificate.method == CertificateMethod::random_start;
+  const bool is_open = certificate.shortfall == Shortfall::undecided ||
+                       (certificate.shortfall == Shortfall::leftover && by_start);
+  return is_open ? Shortfall::stopped : certificate.shortfall;
 }
 
 /// The certificate of a graph from those of its components.

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <vector>
 
 #include <Eigen/Core>
 
@@ -18,9 +17,9 @@ namespace rotavg {
 /// That S of a component was at least `cut` D on the complement of its null vectors at some
 /// rotations, which holds near them, too: a certificate at the next iterate needs no new proof.
 ///
-/// Where no rotation has moved by more than delta (as a matrix, but for a common turn, which
-/// changes nothing), no block E_ij has moved by more than 2 w delta, and by block rows S by more
-/// than 4 delta D.
+/// In the global frame, where the complement is the same at all rotations: where none has moved by
+/// more than delta (as a matrix, but for a common turn, which changes nothing), no block E_ij has
+/// moved by more than 2 w delta, and by block rows S by no more than 4 delta D.
 class KnownCut {
  public:
   void remember(const CertificateMatrix& S, const Quaternions& q, double cut) {
@@ -30,10 +29,12 @@ class KnownCut {
     for (const Index i : S.nodes()) world_from_node_.push_back(q[i]);
   }
 
-  /// What S at q, of the same component, is at least; zero where too little of it is left.
+  /// What S at q is at least, of the same component, edges and weights; zero where less than half
+  /// of the cut is left: the gap is divided by it, and a new proof is worth its time.
   double at(const CertificateMatrix& S, const Quaternions& q) const {
     if (world_from_node_.empty()) return 0.0;
-    constexpr double rounding = 1e-14, least = 0.5;
+    constexpr double rounding = 1e-14;  // of the rotations of quaternions
+    constexpr double least = 0.5;
     const Quaternion turn(product(q[S.nodes()[0]], world_from_node_[0].conjugate()));
     double delta = 0.0;
     for (Index a = 0; a < S.num_nodes(); ++a) {

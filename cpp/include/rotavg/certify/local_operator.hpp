@@ -47,14 +47,15 @@ class LocalOperator : public OperatorColumns<LocalOperator<C>, C> {
   LocalOperator(const CertificateMatrix& S, const Quaternions& q)
       : S_(S),
         num_threads_(S.residuals().num_threads()),
-        rows_(std::make_shared<const HalfEdgeRows>(S.graph())) {
-    nodes_.resize(S.nodes().size());
+        rows_(std::make_shared<const HalfEdgeRows>(S.graph(), HalfEdgeRows::Only{S.nodes()})) {
+    std::vector<Node> nodes(S.nodes().size());
     for (Index a = 0; a < S.num_nodes(); ++a) {
       const Index i = S.nodes()[a];
       const Matrix3 R = q[i].toRotationMatrix();
-      nodes_[a] = {R, product(transposed_product(R, S.diagonal(a)), R), S.graph().degree(i)};
-      total_degree_ += nodes_[a].degree;
+      nodes[a] = {R, product(transposed_product(R, S.diagonal(a)), R), S.graph().degree(i)};
+      total_degree_ += nodes[a].degree;
     }
+    nodes_ = std::make_shared<const std::vector<Node>>(std::move(nodes));
   }
 
   /// The same with other columns.
@@ -69,35 +70,36 @@ class LocalOperator : public OperatorColumns<LocalOperator<C>, C> {
   Index num_nodes() const { return S_.num_nodes(); }
   int num_threads() const { return num_threads_; }
   /// D at a node.
-  double degree(Index a) const { return nodes_[a].degree; }
+  double degree(Index a) const { return (*nodes_)[a].degree; }
   /// A vector in the frame of a node, in the global one.
-  Vector3 in_global_frame(Index a, const Vector3& z) const { return product(nodes_[a].R, z); }
+  Vector3 in_global_frame(Index a, const Vector3& z) const { return product((*nodes_)[a].R, z); }
   /// The other way round: what has a row for each coordinate.
   Matrix3 in_own_frame(Index a, const Matrix3& x) const {
-    return transposed_product(nodes_[a].R, x);
+    return transposed_product((*nodes_)[a].R, x);
   }
   /// Of the complement.
   Eigen::Index dimension() const { return S_.size() - 3; }
 
   /// Bounds the rounding of one product, |computed - M y| <= rounding() |y|: that of the blocks,
-  /// which is symmetric, 40 u for the turn into local frames, and (q + 6) u |M| |y| for the sums.
+  /// which is symmetric, 40 u for the turn into local frames, (q + 6) u |M| |y| for the sums at a
+  /// node, and those over all nodes of project().
   double rounding() const {
     double worst = 0.0;
     for (Index a = 0; a < num_nodes(); ++a) {
-      const double blocks = S_.block_rounding(a) / nodes_[a].degree;
+      const double blocks = S_.block_rounding(a) / (*nodes_)[a].degree;
       const double sums = 4.0 * (S_.graph().row(S_.nodes()[a]).size() + 16.0) * unit_roundoff;
       worst = std::max(worst, blocks + sums);
     }
-    return worst;
+    return worst + this->rounding_of_sums();
   }
 
   /// result <- scale D^-1 S z + shift z + old result * factor
   void apply(const Vectors& z, double scale, double shift, double factor, Vectors& result) const {
     const std::vector<Index>& row = S_.components().row_in_component;
     parallel_for(num_nodes(), num_threads_, [&](Index a) {
-      const Node& node = nodes_[a];
+      const Node& node = (*nodes_)[a];
       Block sum = Block::Zero();
-      const HalfEdgeRows::Row half_edges = rows_->row(S_.nodes()[a]);
+      const HalfEdgeRows::Row half_edges = rows_->row(a);
       for (const HalfEdge& h : half_edges) prefetch(&z[row[h.node]]);
       for (const HalfEdge& h : half_edges) {
         this->add_product(MeasurementGraph::block(h), z[row[h.node]], sum);
@@ -115,14 +117,14 @@ class LocalOperator : public OperatorColumns<LocalOperator<C>, C> {
   void project(Vectors& z) const {
     auto mean = block_sum<Sums<3 * C>>(num_nodes(), this->node_threads(), [&](Index a) {
       Block turned = Block::Zero();
-      this->add_product(nodes_[a].R, z[a], turned);
+      this->add_product((*nodes_)[a].R, z[a], turned);
       Sums<3 * C> along;
-      for (int k = 0; k < 3 * C; ++k) along.value[k] = nodes_[a].degree * turned(k);
+      for (int k = 0; k < 3 * C; ++k) along.value[k] = (*nodes_)[a].degree * turned(k);
       return along;
     });
     for (double& entry : mean.value) entry /= total_degree_;
     parallel_for(num_nodes(), this->node_threads(), [&](Index a) {
-      const Matrix3& R = nodes_[a].R;
+      const Matrix3& R = (*nodes_)[a].R;
       for (int c = 0; c < C; ++c) {
         const double* const x = mean.value + 3 * c;
         for (int r = 0; r < 3; ++r) z[a](r, c) -= R(0, r) * x[0] + R(1, r) * x[1] + R(2, r) * x[2];
@@ -139,7 +141,7 @@ class LocalOperator : public OperatorColumns<LocalOperator<C>, C> {
   const CertificateMatrix& S_;
   int num_threads_;
   std::shared_ptr<const HalfEdgeRows> rows_;
-  std::vector<Node> nodes_;
+  std::shared_ptr<const std::vector<Node>> nodes_;
   double total_degree_ = 0.0;
 };
 

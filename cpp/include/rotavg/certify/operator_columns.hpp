@@ -78,6 +78,12 @@ class OperatorColumns {
   }
 
  protected:
+  /// Of sums over the nodes, in blocks (parallel/reduce.hpp), which project() and products() are
+  /// made of.
+  double rounding_of_sums() const {
+    constexpr double block = 64.0;
+    return (block + self().num_nodes() / block) * unit_roundoff;
+  }
   /// For loops over the nodes.
   int node_threads() const {
     return threads_for_nodes(self().num_threads(), C * self().num_nodes());

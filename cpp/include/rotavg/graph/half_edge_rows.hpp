@@ -43,6 +43,21 @@ class HalfEdgeRows {
       rows_[static_cast<std::size_t>(l)] = {begin, half_edges_.data() + half_edges_.size()};
     }
   }
+  /// Of some nodes alone: row(k) is that of nodes[k].
+  struct Only {
+    const std::vector<Index>& nodes;
+  };
+  HalfEdgeRows(const MeasurementGraph& graph, Only only) {
+    std::size_t size = 0;
+    for (const Index l : only.nodes) size += static_cast<std::size_t>(graph.row(l).size());
+    half_edges_.reserve(size);  // which then stay where they are
+    rows_.reserve(only.nodes.size());
+    for (const Index l : only.nodes) {
+      const HalfEdge* const begin = half_edges_.data() + half_edges_.size();
+      for (const HalfEdge& h : graph.row(l)) half_edges_.push_back(h);
+      rows_.emplace_back(begin, half_edges_.data() + half_edges_.size());
+    }
+  }
   HalfEdgeRows(const HalfEdgeRows&) = delete;
   HalfEdgeRows& operator=(const HalfEdgeRows&) = delete;
 

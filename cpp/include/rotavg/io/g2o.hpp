@@ -250,7 +250,12 @@ class G2oReader {
       if (!list.add(tagged.line.number, m, file_)) continue;
       file_.translations.push_back(dialect_->position(values.data()));
       moved = moved || !file_.translations.back().isZero(0.0);
-      precise = precise && is_positive_definite(inverse_symmetric(omega));
+      if (precise && !is_positive_definite(inverse_symmetric(omega))) {
+        precise = false;
+        file_.notes.push_back("covariances not used: the information about the rotation in line " +
+                              std::to_string(tagged.line.number) +
+                              " is too uneven about its axes to be inverted");
+      }
       if (precise) file_.precisions.push_back(omega);
     }
     lengths.tell(file_.notes);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -14,6 +15,7 @@
 #include <rotavg/io/graph_file.hpp>
 #include <rotavg/io/node_table.hpp>
 #include <rotavg/io/table.hpp>
+#include <rotavg/linalg/symmetric_eigen.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg::io {
@@ -75,8 +77,14 @@ class EdgeTableReader {
     Matrix3 C;
     C << upper[0], upper[1], upper[2], upper[1], upper[3], upper[4], upper[2], upper[4], upper[5];
     if (!is_positive_definite(C)) {
-      source_.refuse(line, "edge " + std::to_string(edge) +
-                               ": the covariance is not positive definite");
+      const Vector3 values = symmetric_eigen(C).values;
+      std::ostringstream found;
+      found.precision(3);
+      found << "edge " << edge << ": the covariance is not positive definite: its eigenvalues are "
+            << values(0) << " to " << values(2)
+            << ", expected the least above 1e-13 of the largest "
+            << "entry";
+      source_.refuse(line, found.str());
     }
     return C;
   }

@@ -24,17 +24,18 @@ inline bool is_leftover(const ComponentCertificate& certificate) {
 /// Where that is so: more steps, to a smaller gradient, whose square the gap follows.
 ///
 /// @param limits what is left of them
+/// @param by_sweeps whether these are likely to be sweeps, or else Newton's
 /// @param go_on (options, next) takes the steps from the solution `next`, and adds to it what they
 ///        did, with a gauge
 /// @param certify of a solution
 /// @returns whether the gap has become smaller
 template <typename GoOn, typename Certify>
-bool polish(Solution& solution, double certificate_tolerance, IterationOptions limits, GoOn&& go_on,
-            Certify&& certify) {
+bool polish(Solution& solution, double certificate_tolerance, IterationOptions limits,
+            bool by_sweeps, GoOn&& go_on, Certify&& certify) {
   constexpr double share = 0.1, falling = 0.7;
-  // Sweeps take many times as many as Newton's steps, and cost as much less.
-  const bool sweeps = solution.method != Method::newton;
-  const int max_idle = sweeps ? 40 : 4, max_iterations = sweeps ? 400 : 100;
+  // Of sweeps, each of which costs a tenth of one of Newton's steps, it takes some ten times as
+  // many.
+  const int max_idle = by_sweeps ? 40 : 4, max_iterations = by_sweeps ? 400 : 100;
   const double gap = solution.certificate.relative_gap;
   limits.stop = StopRule::gradient;
   limits.tolerance = solution.relative_gradient * std::sqrt(share * certificate_tolerance / gap);

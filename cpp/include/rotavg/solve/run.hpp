@@ -185,7 +185,8 @@ class SolveRun {
       fix_gauge(components_, next.rotations);
       next.timings.solve += watch_.seconds() - before;
     };
-    return rotavg::polish(solution, options_.certificate.tolerance, limits(), go_on,
+    const bool by_sweeps = solution.method != Method::newton;
+    return rotavg::polish(solution, options_.certificate.tolerance, limits(), by_sweeps, go_on,
                           [this](Solution& next) { certify(next); });
   }
 

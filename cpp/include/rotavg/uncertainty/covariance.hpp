@@ -78,8 +78,9 @@ inline void check_pairs(const std::vector<NodePair>& pairs, Index num_nodes) {
 /// the marginal covariance. The blocks of H^-1 come from the sparse factor of H by selected
 /// inversion; those of pairs where the factor has no entry from solves.
 ///
-/// With information matrices they are 2 s^2 (J^T H J)^-1, J the derivatives of the residuals'
-/// logarithms: the same to first order in the noise.
+/// With information matrices Omega they are s^2 (J^T Omega J)^-1, J the derivatives of the
+/// residuals' logarithms: the same to first order in the noise. Where the chords that these weigh
+/// are at no minimum there are none.
 ///
 /// @param R where f is stationary
 /// @param pairs each within one component

@@ -43,28 +43,29 @@ namespace rotavg {
 
 namespace detail {
 
-/// The problem of information matrices: J^T H J of its logarithms is what covariances are made of,
-/// and the Hessian of its chords tells whether R is a minimum, which that does not.
-struct Anisotropic {
-  GravityPairs none;
+/// The problem of information matrices: what its logarithms make of them is what covariances are
+/// made of, and the Hessian of its chords tells whether R is a minimum, which that does not.
+struct AnisotropicProblem {
+  GravityPairs no_gravity;
   LogLinearization linearization;
   AnisotropicGraph graph;
   AnisotropicResiduals residuals;
 
-  Anisotropic(const MeasurementGraph& measurements, const std::vector<Matrix3>& information,
-              const Rotations& R, int num_threads)
-      : linearization(LogObjective(measurements, information, none), R),
+  AnisotropicProblem(const MeasurementGraph& measurements, const std::vector<Matrix3>& information,
+                     const Rotations& R, int num_threads)
+      : linearization(LogObjective(measurements, information, no_gravity), R),
         graph(measurements, never_zero(information)),
         residuals(graph, to_quaternions(R), num_threads) {}
-  Anisotropic(const Anisotropic&) = delete;
+  AnisotropicProblem(const AnisotropicProblem&) = delete;
 
  private:
-  /// Edges that know nothing may hold a graph together.
+  /// An AnisotropicGraph takes no zero; this little changes nothing.
   static std::vector<Matrix3> never_zero(std::vector<Matrix3> information) {
     double largest = 0.0;
     for (const Matrix3& H : information) largest = std::max(largest, H.trace());
+    const double little = largest > 0.0 ? unit_roundoff * largest : 1.0;
     for (Matrix3& H : information) {
-      if (!(H.trace() > 0.0)) add_to_diagonal(H, unit_roundoff * largest);
+      if (!(H.trace() > 0.0)) add_to_diagonal(H, little);
     }
     return information;
   }
@@ -76,7 +77,7 @@ class ComponentCovariances {
   /// @param residuals, components, anisotropic, options must outlive this object; `anisotropic` may
   ///        be null
   ComponentCovariances(const ResidualQuaternions& residuals, const Components& components,
-                       Index component, const Anisotropic* anisotropic,
+                       Index component, const AnisotropicProblem* anisotropic,
                        const CovarianceOptions& options)
       : residuals_(residuals),
         components_(components),
@@ -210,7 +211,7 @@ class ComponentCovariances {
   const ResidualQuaternions& residuals_;
   const Components& components_;
   Elimination elimination_;
-  const Anisotropic* anisotropic_;
+  const AnisotropicProblem* anisotropic_;
   const CovarianceOptions& options_;
   double scale_;
 };
@@ -258,7 +259,7 @@ inline Covariances covariances_of_pairs(const MeasurementGraph& graph, const Rot
   }
   const ResidualQuaternions residuals(graph, to_quaternions(R),
                                       resolve_num_threads(options.num_threads, graph.num_edges()));
-  std::optional<Anisotropic> anisotropic;
+  std::optional<AnisotropicProblem> anisotropic;
   if (!options.information.empty()) {
     anisotropic.emplace(graph, options.information, R, residuals.num_threads());
   }
