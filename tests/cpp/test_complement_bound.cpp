@@ -144,7 +144,7 @@ TEST_CASE("what is proved at some rotations holds near them, and is forgotten fa
     known.remember(at.S, at.q, least);
     CHECK(known.at(at.S, at.q) == doctest::Approx(least));
     const Matrix3 turn = random.rotation();
-    const double size = std::pow(10.0, random.uniform(-6.0, -1.0));
+    const double size = std::pow(10.0, random.uniform(-5.0, 0.0));
     Rotations R = optimum;
     if (random.coin()) {
       R = test::perturbed(random, optimum, size);
