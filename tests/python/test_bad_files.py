@@ -76,6 +76,8 @@ def test_unknown_formats_list_the_known(tmp_path: Path) -> None:
     graph = MeasurementGraph([[0, 1]], [I3])
     with pytest.raises(FormatError, match=r"out\.dat: the name does not tell the format.*g2o"):
         write(tmp_path / "out.dat", graph)
+    with pytest.raises(FormatError, match="a folder's name does not tell the format"):
+        write(tmp_path, graph)
     assert not (tmp_path / "out.dat").exists()
     write(tmp_path / "out.dat", graph, format="g2o")
     assert read(tmp_path / "out.dat").num_edges == 1

@@ -104,6 +104,12 @@ def test_the_limits_of_the_proof(graph_file: Path) -> None:
     assert done.returncode == 2
 
 
+def test_full_covariances_need_the_information(graph_file: Path) -> None:
+    done = run("solve", graph_file, "--anisotropic", "--unit-weights")
+    assert done.returncode == 2
+    assert "--anisotropic needs the covariances that --unit-weights leaves out" in done.stderr
+
+
 def test_accelerate_takes_fewer_iterations(graph_file: Path) -> None:
     iterations = []
     for extra in ([], ["--accelerate"]):

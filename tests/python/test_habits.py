@@ -154,6 +154,15 @@ def test_reprs_tell_what_arrays_there_are_and_not_what_is_in_them() -> None:
         shown = repr(result)
         assert "\n" not in shown
         assert len(shown) < 500
+    known = {node: np.eye(3) for node in range(2500)}
+    gravity = {node: ([0, 1, 0], 1.0) for node in range(3)}
+    priors = rotavg.Priors(fixed=known, gravity=gravity)
+    assert "fixed=<dict of 2500>, absolute={}, gravity=<dict of 3>" in repr(priors)
+    rigs = rotavg.Rigs({node: (node // 2, node % 2) for node in range(60)})
+    for summarised in (priors, rigs, data, rotavg.hardness(data.graph)):
+        shown = repr(summarised)
+        assert "\n" not in shown
+        assert len(shown) < 500
     small = rotavg.compare(np.eye(3)[None].repeat(3, axis=0), np.eye(3)[None].repeat(3, axis=0))
     assert "nodes=[0, 1, 2]" in repr(small)
 

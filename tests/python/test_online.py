@@ -75,6 +75,15 @@ def test_it_is_the_optimum_of_solve_at_every_step() -> None:
                     check(online)
 
 
+def test_two_solutions_are_equal_only_if_they_are_one() -> None:
+    online = rotavg.Online()
+    online.add([("a", "b")], [np.eye(3)])
+    first, second = online.solution, online.solution
+    assert first == first
+    assert first != second
+    assert len({first, second}) == 2
+
+
 def test_a_node_by_itself_is_in_a_gauge_of_its_own() -> None:
     random = np.random.default_rng(SEED)
     edges = random_edges(random, 12, 8)

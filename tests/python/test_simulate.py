@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rotavg.base.errors import GraphError
 from rotavg.graph.conventions import quaternions_from_matrices
 from rotavg.simulation.simulate import KINDS, Simulation, simulate
 
@@ -22,6 +23,12 @@ def error_angles(simulation: Simulation) -> np.ndarray:
 
 def pairs(simulation: Simulation) -> set[tuple[int, ...]]:
     return {tuple(sorted(edge)) for edge in simulation.graph.edges.tolist()}
+
+
+@pytest.mark.parametrize("noise", [-1.0, 1e7, np.nan, np.inf])
+def test_noise_beyond_what_angles_can_be_is_refused(noise: float) -> None:
+    with pytest.raises(GraphError, match=r"noise is .*expected .* from 0 to 1e\+06"):
+        simulate("cycle", 5, noise=noise)
 
 
 @pytest.mark.parametrize("kind", KINDS)
