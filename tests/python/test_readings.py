@@ -58,6 +58,17 @@ def test_the_right_reading_is_found_and_kept(kind: str, noise: float, outliers: 
             assert found.noise < found.noise_as_read
 
 
+def test_of_a_large_dense_graph_some_nodes_tell() -> None:
+    graph = rotavg.simulate("complete", 700, noise=0.05, outliers=0.1, seed=2).graph
+    assert graph.num_edges > 200_000
+    assert other_reading(graph) is None
+    turned = rotavg.MeasurementGraph(graph.edges, np.swapaxes(graph.rotations, 1, 2))
+    found = other_reading(turned)
+    assert found is not None
+    assert found.other_family
+    assert found.noise < 0.1 < found.noise_as_read
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_what_fits_in_no_reading_is_left_alone(seed: int) -> None:
     rng = np.random.default_rng(seed)

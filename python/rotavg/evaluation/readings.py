@@ -39,6 +39,7 @@ from rotavg.io.other_columns import degree_columns, w_first_columns
 _SHARE = 0.1
 _MANY_CYCLES = 30
 _MAX_CYCLES = 20000
+_ENOUGH_EDGES, _DENSE = 200_000, 50  # edges, of which a node has at least so many on average
 _MORE_ERRORS = 2  # standard ones, by which one other reading must be better than a simpler one
 
 
@@ -196,6 +197,7 @@ def other_reading(graph: MeasurementGraph, *, w_first: bool = True) -> OtherRead
         graph: the measurements; cycles are those that edges close with a breadth-first tree.
         w_first: whether they may be quaternions with w first that were read as with w last.
     """
+    graph = _of_some_nodes(graph)
     lengths = _core.cycle_lengths(graph._core, _sample(graph))
     edges = _sample(graph)[lengths > 1]
     lengths = lengths[lengths > 1]
@@ -258,6 +260,26 @@ def _better_on_average(
 def _typical(errors: NDArray[np.float64]) -> float:
     """The error of a cycle without an outlier."""
     return float(np.quantile(errors, _SHARE if len(errors) >= _MANY_CYCLES else 0.5))
+
+
+def _of_some_nodes(graph: MeasurementGraph) -> MeasurementGraph:
+    """Of a large dense graph as many nodes, evenly spread, as have enough edges between them."""
+    dense = graph.num_edges > _DENSE * graph.num_nodes
+    if graph.num_edges <= _ENOUGH_EDGES or not dense:
+        return graph
+    count = round(graph.num_nodes * np.sqrt(_ENOUGH_EDGES / graph.num_edges))
+    rows = np.linspace(0, graph.num_nodes - 1, count).astype(np.int64)
+    label = np.full(graph.num_nodes, -1)
+    label[rows] = np.arange(count)
+    inside = (label[graph.indices] >= 0).all(axis=1)
+    if not inside.any():
+        return graph
+    return MeasurementGraph(
+        label[graph.indices[inside]],
+        graph.rotations[inside],
+        graph.weights[inside],
+        np.arange(count),
+    )
 
 
 def _sample(graph: MeasurementGraph) -> NDArray[np.int32]:

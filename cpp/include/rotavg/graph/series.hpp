@@ -68,16 +68,23 @@ inline Series series_of(const MeasurementGraph& graph, const std::vector<bool>& 
     below[forest.parent[*node]] ^= below[*node];
   }
 
+  // Two edges outside the forest are on different cycles: only the forest's labels occur twice.
+  constexpr Index none = -1;
   std::unordered_map<std::uint64_t, Index> label_of;
+  for (const Index edge : forest.tree_edge) {
+    if (edge >= 0) label_of.emplace(bits[edge], none);
+  }
   series.label.reserve(bits.size());
   for (const std::uint64_t b : bits) {
     if (b == 0) {
-      series.label.push_back(-1);
+      series.label.push_back(none);
       continue;
     }
-    const auto [found, is_new] = label_of.emplace(b, series.size);
+    const auto found = label_of.find(b);
+    const bool is_new = found == label_of.end() || found->second == none;
+    if (is_new && found != label_of.end()) found->second = series.size;
+    series.label.push_back(is_new ? series.size : found->second);
     series.size += is_new;
-    series.label.push_back(found->second);
   }
   return series;
 }
