@@ -12,32 +12,19 @@
 #include <rotavg/problem/objective.hpp>
 
 #include "support/blocks.hpp"
+#include "support/certificate_at.hpp"
 #include "support/certificates.hpp"
 #include "support/dense.hpp"
 #include "support/graphs.hpp"
 #include "support/random.hpp"
 
 using namespace rotavg;
+using rotavg::test::CertificateAt;
 using rotavg::test::descend;
 using rotavg::test::Random;
 using rotavg::test::small_graph;
 
 namespace {
-
-/// S with all that it refers to.
-struct CertificateAt {
-  Components components;
-  ResidualQuaternions residuals;
-  NodeSums sums;
-  CertificateMatrix S;
-
-  CertificateAt(const MeasurementGraph& graph, const Rotations& R)
-      : components(connected_components(graph)),
-        residuals(graph, to_quaternions(R), 1),
-        sums(residuals),
-        S(sums, components, 0) {}
-  CertificateAt(const CertificateAt&) = delete;
-};
 
 /// Of six nodes, over 100 for each.
 MeasurementGraph parallel_edges(Random& random) {

@@ -1,10 +1,11 @@
-"""Graphs without noise, with random weights and directions of edges, and with names."""
+"""Graphs that tests share: without noise and with names, and with full covariances."""
 
 from __future__ import annotations
 
 import numpy as np
 
 import rotavg
+from benchmarks.anisotropic_graphs import RATIOS, simulated
 from rotavg.graph.measurement_graph import MeasurementGraph
 
 
@@ -20,3 +21,9 @@ def random_graph(names: bool, seed: int = 3, weighted: bool = True) -> Measureme
     if names:
         edges = np.char.add(np.char.add("im/", edges.astype(str)), ".jpg")
     return MeasurementGraph(edges, R, weights)
+
+
+def graph_with_covariances(seed: int, n: int = 10, noise: float = 0.1) -> MeasurementGraph:
+    """Of noise with random axes, known better about some of them."""
+    rng = np.random.default_rng(seed)
+    return simulated(rng, n, 0.5, RATIOS[1 + seed % 3], noise)[0]

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +13,7 @@ from numpy.typing import NDArray
 import rotavg
 from benchmarks.anisotropic_graphs import RATIOS, simulated, theory
 from benchmarks.relaxation import accuracy, matrix_weights, relaxation
+from random_graphs import graph_with_covariances
 from rotavg.graph.conventions import matrices_from_rotvecs
 from rotavg.graph.covariances import information
 
@@ -29,14 +27,9 @@ def objective(graph: rotavg.MeasurementGraph, R: NDArray[np.float64]) -> float:
     return float(np.sum(2 * (np.trace(M, axis1=1, axis2=2) - fit)))
 
 
-def random_graph(seed: int, n: int = 10, noise: float = 0.1) -> rotavg.MeasurementGraph:
-    rng = np.random.default_rng(seed)
-    return simulated(rng, n, 0.5, RATIOS[1 + seed % 3], noise)[0]
-
-
 def test_the_objective_is_as_defined_and_no_restart_is_lower() -> None:
     for seed in range(6):
-        graph = random_graph(seed)
+        graph = graph_with_covariances(seed)
         solution = rotavg.solve(graph, anisotropic=True)
         assert solution.anisotropic == "chordal"
         assert solution.objective == pytest.approx(objective(graph, solution.rotations), rel=1e-9)
@@ -52,7 +45,7 @@ def test_the_objective_is_as_defined_and_no_restart_is_lower() -> None:
 
 
 def test_certify_bounds_any_rotations() -> None:
-    graph = random_graph(4, noise=0.3)
+    graph = graph_with_covariances(4, noise=0.3)
     best = rotavg.solve(graph, anisotropic=True)
     again = rotavg.certify(graph, best.rotations, anisotropic=True)
     assert again.verdict == "proved"
@@ -88,7 +81,7 @@ def test_no_bound_lies_above_the_relaxation(part: int) -> None:
 
 
 def test_logarithms_are_told_apart() -> None:
-    graph = random_graph(1)
+    graph = graph_with_covariances(1)
     log = rotavg.solve(graph, anisotropic="log")
     assert log.certificate is None
     assert log.anisotropic == "log"
@@ -108,7 +101,7 @@ def test_logarithms_are_told_apart() -> None:
                                      {"method": "sum", "mu": "min_eigenvalue"},
                                      {"method": "staircase"}, {"method": "bcdsr"}])  # fmt: skip
 def test_all_methods_meet_the_same_optimum(options: Any) -> None:
-    graph = random_graph(2)
+    graph = graph_with_covariances(2)
     best = rotavg.solve(graph, anisotropic=True)
     other = rotavg.solve(graph, anisotropic=True, **options)
     assert other.objective == pytest.approx(best.objective, rel=1e-9)
@@ -184,7 +177,7 @@ def test_the_staircase_has_the_same_bits_for_any_threads() -> None:
 
 
 def test_components_and_robust_losses() -> None:
-    one, other = random_graph(1), random_graph(2, n=6)
+    one, other = graph_with_covariances(1), graph_with_covariances(2, n=6)
     assert one.covariances is not None
     assert other.covariances is not None
     both = rotavg.MeasurementGraph(
@@ -214,7 +207,7 @@ def test_components_and_robust_losses() -> None:
 
 
 def test_fixed_and_absolute_priors() -> None:
-    graph = random_graph(3)
+    graph = graph_with_covariances(3)
     free = rotavg.solve(graph, anisotropic=True)
     rng = np.random.default_rng(1)
     turn, known = matrices_from_rotvecs(rng.normal(size=(2, 3)))
@@ -259,84 +252,6 @@ def test_the_error_falls_by_the_factor_that_theory_predicts() -> None:
     assert squares[1] / squares[0] == pytest.approx(predicted[1] / predicted[0], rel=0.1)
 
 
-@pytest.mark.parametrize("suffix", [".txt", ".csv", ".npz"])
-def test_files_carry_covariances(tmp_path: Path, suffix: str) -> None:
-    graph = random_graph(5)
-    assert graph.covariances is not None
-    path = tmp_path / f"graph{suffix}"
-    rotavg.write(path, graph)
-    again = rotavg.read(path)
-    assert again.covariances is not None
-    assert np.array_equal(again.covariances, graph.covariances)
-    assert np.array_equal(again.weights, graph.weights)
-    assert rotavg.read(path, unit_weights=True).covariances is None
-    seen = rotavg.read(path, convention="vision")
-    assert seen.covariances is not None
-    R = seen.rotations
-    np.testing.assert_allclose(
-        seen.covariances, np.swapaxes(R, 1, 2) @ graph.covariances @ R, atol=1e-15
-    )
-    command = [sys.executable, "-m", "rotavg", "solve", str(path), "--anisotropic", "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["anisotropic"] == "chordal"
-    assert told["certificate"]["verdict"] == "proved"
-
-
-def test_a_bad_covariance_in_a_file_is_named_by_its_line(tmp_path: Path) -> None:
-    path = tmp_path / "graph.csv"
-    header = "i,j,qx,qy,qz,qw,cxx,cxy,cxz,cyy,cyz,czz"
-    path.write_text(f"{header}\n0,1,0,0,0,1,1,0,0,1,0,1\n1,2,0,0,0,1,1,0,0,-1,0,1\n")
-    says = r"graph\.csv:3.*not positive definite: its eigenvalues are -1 to 1"
-    with pytest.raises(rotavg.FormatError, match=says):
-        rotavg.read(path)
-
-
-@pytest.mark.parametrize("name", ["g.g2o", "g.graph", "g.json"])
-def test_pose_graphs_carry_full_information(tmp_path: Path, name: str) -> None:
-    graph = random_graph(3)
-    rotavg.write(tmp_path / name, graph)
-    again = rotavg.read(tmp_path / name)
-    assert graph.covariances is not None
-    assert again.covariances is not None
-    np.testing.assert_allclose(again.covariances, graph.covariances, rtol=1e-9, atol=1e-12)
-    expected = rotavg.solve(graph, anisotropic=True).objective
-    assert rotavg.solve(again, anisotropic=True).objective == pytest.approx(expected, rel=1e-9)
-    # Other weights than those of the covariances are read back, and scale them.
-    weights = np.random.default_rng(0).uniform(0.5, 2.0, graph.num_edges)
-    rotavg.write(tmp_path / name, graph.with_weights(weights))
-    np.testing.assert_allclose(rotavg.read(tmp_path / name).weights, weights, rtol=1e-9)
-
-
-def test_frames_and_networks_carry_covariances() -> None:
-    graph = random_graph(4)
-    expected = rotavg.solve(graph, anisotropic=True).objective
-    for again in (
-        rotavg.MeasurementGraph.from_dataframe(graph.to_dataframe()),
-        rotavg.MeasurementGraph.from_networkx(graph.to_networkx()),
-    ):
-        assert rotavg.solve(again, anisotropic=True).objective == pytest.approx(expected, rel=1e-12)
-    network = graph.to_networkx()
-    next(iter(network.edges(data=True)))[2].pop("covariance")
-    with pytest.raises(rotavg.GraphError, match="no attribute 'covariance', which"):
-        rotavg.MeasurementGraph.from_networkx(network)
-
-
-def test_one_uneven_information_is_told(tmp_path: Path) -> None:
-    path = tmp_path / "g.g2o"
-    rotavg.write(path, random_graph(5))
-    lines = path.read_text().splitlines()
-    fields = lines[2].split()
-    fields[-6:] = ["1e15", "0", "0", "1", "0", "1"]
-    path.write_text("\n".join([*lines[:2], " ".join(fields), *lines[3:]]) + "\n")
-    graph = rotavg.read(path)
-    assert graph.covariances is None
-    assert any("covariances not used" in note and "in line 3" in note for note in graph.notes)
-    with pytest.raises(rotavg.OptionError, match=r"has none; covariances not used: .* in line 3"):
-        rotavg.solve(graph, anisotropic=True)
-
-
 @pytest.mark.parametrize("anisotropic", [True, "log"])
 def test_a_saddle_has_no_covariances(anisotropic: Any) -> None:
     edges, turn = [(0, 1), (1, 2), (2, 0)], np.diag([-1.0, -1.0, 1.0])
@@ -350,7 +265,7 @@ def test_a_saddle_has_no_covariances(anisotropic: Any) -> None:
 
 @pytest.mark.parametrize("size", [1e-320, 1e-200, 1e200, 1e305])
 def test_extreme_covariances_are_named(size: float) -> None:
-    graph = random_graph(1)
+    graph = graph_with_covariances(1)
     assert graph.covariances is not None
     C = graph.covariances.copy()
     C[2] = size * np.eye(3)
@@ -385,7 +300,7 @@ def test_precisions_are_the_inverses(spread: float) -> None:
 
 
 def test_single_precision_and_parallel_edges() -> None:
-    graph = random_graph(1)
+    graph = graph_with_covariances(1)
     assert graph.covariances is not None
     single = rotavg.MeasurementGraph(
         graph.edges.astype(np.int32),

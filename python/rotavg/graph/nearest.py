@@ -24,8 +24,7 @@ def orthogonality_errors(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _orthogonality_errors(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    # Entry by entry, as matrix products and determinants of many small matrices take ten times as
-    # long.
+    # Entry by entry: matrix products and determinants of many small matrices take much longer.
     M = np.ascontiguousarray(np.moveaxis(matrices, 0, 2))
     error = np.zeros(len(matrices))
     with np.errstate(all="ignore"):  # of huge and of denormal entries

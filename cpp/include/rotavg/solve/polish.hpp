@@ -33,8 +33,7 @@ template <typename GoOn, typename Certify>
 bool polish(Solution& solution, double certificate_tolerance, IterationOptions limits,
             bool by_sweeps, GoOn&& go_on, Certify&& certify) {
   constexpr double share = 0.1, falling = 0.7;
-  // Of sweeps, each of which costs a tenth of one of Newton's steps, it takes some ten times as
-  // many.
+  // Sweeps take many more than Newton's method, and each costs much less.
   const int max_idle = by_sweeps ? 40 : 4, max_iterations = by_sweeps ? 400 : 100;
   const double gap = solution.certificate.relative_gap;
   limits.stop = StopRule::gradient;
