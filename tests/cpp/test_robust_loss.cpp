@@ -9,6 +9,7 @@
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/radix_sort.hpp>
 #include <rotavg/robust/scale.hpp>
+#include <rotavg/so3/lanes.hpp>
 
 #include "support/random.hpp"
 
@@ -117,6 +118,34 @@ TEST_CASE("graduation ends at the loss, and its surrogates come nearer to it") {
     }
   }
   CHECK(graduation({Loss::cauchy, 0.1}).empty());
+}
+
+TEST_CASE("the logarithms of four numbers are those of the library, to a few units") {
+  for (double z = 1e-18; z < 1e18; z *= 1.0037) {
+    const Lanes four = {z, 0.0, 1.7 * z, 2.9 * z};
+    Lanes found;
+    log1p_of_four(four, found);
+    for (int a = 0; a < 4; ++a) {
+      const double expected = std::log1p(four[a]);
+      CHECK(std::abs(found[a] - expected) <= 1e-15 * expected);
+    }
+  }
+}
+
+TEST_CASE("what four edges cost and weigh is what each does") {
+  for (const RobustLoss& loss : all_losses()) {
+    for (const double r : residuals_about(loss.scale)) {
+      const Lanes x = {r * r, 0.0, 1e-3 * r * r, 4.0 * r * r};
+      const Lanes precision = {1.0, 0.3, 0.0, 40.0};
+      Lanes cost, share;
+      robust_costs(loss, x, precision, cost);
+      weight_shares(loss, x, precision, share);
+      for (int a = 0; a < 4; ++a) {
+        CHECK(cost[a] == doctest::Approx(robust_cost(loss, x[a], precision[a])).epsilon(1e-14));
+        CHECK(share[a] == doctest::Approx(weight_share(loss, x[a], precision[a])).epsilon(1e-14));
+      }
+    }
+  }
 }
 
 TEST_CASE("numbers are sorted by their bits as by comparison") {

@@ -71,6 +71,10 @@ TEST_CASE("overlap is the weighted Jaccard index over triangles that agree") {
   const MeasurementGraph graph(measurements);
   const std::vector<double> weights = graph.weights();
   const std::vector<double> overlap = Neighbourhoods(graph).overlap(weights);
+  std::vector<RelativeRotation> twice = measurements;  // of parallel edges one makes a triangle
+  twice.insert(twice.end(), measurements.begin(), measurements.end());
+  const MeasurementGraph doubled(twice);
+  const std::vector<double> of_both = Neighbourhoods(doubled).overlap(doubled.weights());
   std::vector<double> w(n * n, 0.0);
   for (Index k = 0; k < graph.num_edges(); ++k) {
     const Edge& e = graph.edges()[k];
@@ -90,6 +94,9 @@ TEST_CASE("overlap is the weighted Jaccard index over triangles that agree") {
     }
     const double own = 1e-3 * weights[k];
     CHECK(overlap[k] == doctest::Approx((shared + own) / (either - shared + own)));
+    for (const Index copy : {k, k + graph.num_edges()}) {
+      CHECK(of_both[copy] == doctest::Approx((shared + own) / (2.0 * either - shared + own)));
+    }
   }
 }
 

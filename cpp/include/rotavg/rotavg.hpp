@@ -64,6 +64,7 @@
 #include <rotavg/init/warm_start.hpp>
 #include <rotavg/linalg/symmetric_eigen.hpp>
 #include <rotavg/problem/connection.hpp>
+#include <rotavg/problem/degree_metric.hpp>
 #include <rotavg/problem/gauge.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/hessian.hpp>

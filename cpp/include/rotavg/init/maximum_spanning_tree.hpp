@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <queue>
 #include <tuple>
 #include <vector>
@@ -28,12 +29,20 @@ inline Rotations along_spanning_tree(const MeasurementGraph& graph,
   // The key, and then, as the largest comes first, minus the depth and minus the edge.
   using Candidate = std::tuple<double, Index, Index>;
   std::priority_queue<Candidate> leaving;
+  // Of the edges by which a node can be reached only better ones than before need to wait.
+  const Candidate none(-std::numeric_limits<double>::infinity(), std::numeric_limits<Index>::min(),
+                       0);
+  std::vector<Candidate> best(R.size(), none);
   for (Index root = 0; root < graph.num_nodes(); ++root) {
     if (depth[root] >= 0) continue;
     depth[root] = 0;
     for (Index newest = root; newest >= 0;) {
       for (const HalfEdge& h : graph.row(newest)) {
-        if (depth[h.node] < 0) leaving.emplace(key[h.edge()], -depth[newest], -h.edge());
+        if (depth[h.node] >= 0) continue;
+        const Candidate candidate(key[h.edge()], -depth[newest], -h.edge());
+        if (!(best[h.node] < candidate)) continue;
+        best[h.node] = candidate;
+        leaving.push(candidate);
       }
       newest = -1;
       while (newest < 0 && !leaving.empty()) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <vector>
 
 #include <Eigen/Core>
@@ -12,6 +13,7 @@
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/objective.hpp>
+#include <rotavg/so3/lanes.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
@@ -25,6 +27,25 @@ namespace rotavg {
 inline Vector4 residual_quaternion(const QuaternionEdge& edge, const Quaternions& q) {
   const WeightedQuaternion j_estimate(product(q[edge.i], edge.i_from_j));
   return product(j_estimate, WeightedQuaternion(conjugated(q[edge.j])));
+}
+
+/// The same of four edges, by their numbers: e[0] holds their x, e[1] their y, and so on.
+EIGEN_STRONG_INLINE void residual_quaternions_of_four(const MeasurementGraph& graph,
+                                                      const Quaternions& q, const Index (&edge)[4],
+                                                      Lanes (&e)[4]) {
+  Lanes q_i[4], q_j[4], i_from_j[4], estimate[4];
+  for (int a = 0; a < 4; ++a) {
+    const QuaternionEdge& edge_a = graph.quaternion_edges()[static_cast<std::size_t>(edge[a])];
+    std::memcpy(&i_from_j[a], edge_a.i_from_j.coeffs().data(), sizeof(Lanes));
+    std::memcpy(&q_i[a], q[static_cast<std::size_t>(edge_a.i)].coeffs().data(), sizeof(Lanes));
+    std::memcpy(&q_j[a], q[static_cast<std::size_t>(edge_a.j)].coeffs().data(), sizeof(Lanes));
+  }
+  transpose(i_from_j);
+  transpose(q_i);
+  transpose(q_j);
+  multiply_four(q_i, i_from_j, estimate);
+  for (int a = 0; a < 3; ++a) q_j[a] = -q_j[a];
+  multiply_four(estimate, q_j, e);
 }
 
 /// The objective (3) without storing anything.

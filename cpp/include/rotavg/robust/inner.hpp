@@ -10,6 +10,7 @@
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/threads.hpp>
+#include <rotavg/problem/degree_metric.hpp>
 #include <rotavg/problem/hessian.hpp>
 #include <rotavg/problem/laplacian_metric.hpp>
 #include <rotavg/problem/objective.hpp>
@@ -83,53 +84,69 @@ struct LaplacianWorkspace {
 };
 
 /// Where the Laplacian is costly: sweeps, and where these have no end, a sweep and a step of
-/// Newton's in a metric of older weights, which is factored again whenever there have been twice as
-/// many reweightings.
+/// Newton's. Its metric is the Laplacian of older weights, factored where as many sweeps have been
+/// made as take its time, and again whenever there have been twice as many reweightings, of this
+/// start and those before; where that is too large, the degrees.
 class SeldomFactored {
  public:
-  explicit SeldomFactored(int num_threads) : num_threads_(num_threads) {}
+  /// @param sweep_flops operations in the time of two reweighted sweeps
+  /// @param max_flops that a factor may take: half a minute, and a gigabyte or two
+  SeldomFactored(double sweep_flops, int num_threads, double max_flops = 3e11)
+      : sweep_flops_(sweep_flops), max_flops_(max_flops), num_threads_(num_threads) {}
 
   void operator()(RobustResiduals& residuals, Quaternions& q, const Monitor& monitor) {
-    constexpr int patience = 12;        // reweightings
-    constexpr double max_flops = 1e10;  // a second or two
-    const int iteration = monitor.iterations();
-    if (iteration < patience || sweeps_only_) return two_sweeps(residuals, q, monitor);
+    constexpr int patience = 12;  // reweightings
+    const int iteration = iterations_++;
+    if (iteration < patience) return two_sweeps(residuals, q, monitor);
     if (!workspace_) {
       workspace_ = std::make_shared<LaplacianWorkspace>(residuals.graph(), num_threads_);
       weighted_ = std::make_shared<MeasurementGraph>(residuals.graph());
-      sweeps_only_ = workspace_->metric.flops(max_flops) > max_flops;
-      if (sweeps_only_) return two_sweeps(residuals, q, monitor);
+      flops_ = workspace_->metric.flops(max_flops_);
+      too_large_ = flops_ > max_flops_;
     }
+    if (!too_large_ && iteration * sweep_flops_ < flops_) return two_sweeps(residuals, q, monitor);
     reweighted_sweep(residuals, q, monitor);
     residuals.update(q);
     MeasurementGraph& weighted = *weighted_;
     weighted.set_weights(residuals.weights());
-    if (iteration < factored_at_ || iteration >= 2 * factored_at_) {
+    if (!too_large_ && iteration >= 2 * factored_at_) {
       const auto keep_going = [&monitor] { return monitor.keep_going(); };
       factored_at_ = iteration;
-      sweeps_only_ = workspace_->metric.factorize(weighted.weights(), keep_going) ==
-                     CholeskyOutcome::not_positive_definite;
-      if (sweeps_only_ || !monitor.keep_going()) return;
+      too_large_ = workspace_->metric.factorize(weighted.weights(), keep_going) ==
+                   CholeskyOutcome::not_positive_definite;
+      if (!monitor.keep_going()) return;
     }
+    if (too_large_) {
+      DegreeMetric degrees(weighted, num_threads_);
+      newton_step(degrees, q, monitor);
+    } else {
+      newton_step(workspace_->metric, q, monitor);
+    }
+    residuals.update(q);
+  }
+
+ private:
+  /// On the weighted problem, in place.
+  template <typename Metric>
+  void newton_step(Metric& metric, Quaternions& q, const Monitor& monitor) const {
     IterationOptions one;
     one.tolerance = 0.0;
     one.max_iterations = 1;
     one.num_threads = num_threads_;
     one.keep_going = [&monitor] { return monitor.keep_going(); };
     const Rotations R = to_rotations(q);
-    ResidualQuaternions least_squares(weighted, q, num_threads_);
-    q = to_quaternions(newton_iteration(weighted, R, Quaternions(q), least_squares,
-                                        workspace_->metric, Monitor(weighted, R, one))
+    ResidualQuaternions least_squares(*weighted_, q, num_threads_);
+    q = to_quaternions(newton_iteration(*weighted_, R, Quaternions(q), least_squares, metric,
+                                        Monitor(*weighted_, R, one))
                            .rotations);
-    residuals.update(q);
   }
 
- private:
+  double sweep_flops_, max_flops_, flops_ = 0.0;
   int num_threads_;
   std::shared_ptr<LaplacianWorkspace> workspace_;  // these are made when they are first needed
   std::shared_ptr<MeasurementGraph> weighted_;
-  int factored_at_ = 0;
-  bool sweeps_only_ = false;
+  int iterations_ = 0, factored_at_ = 0;  // over all starts
+  bool too_large_ = false;
 };
 
 /// Two steps of the paper's parallel algorithm on the weighted problem.
@@ -158,20 +175,18 @@ inline void two_sum_steps(RobustResiduals& residuals, Quaternions& q, const Moni
 /// @param graph that the steps will be taken on; must outlive them
 inline InnerSteps inner_steps(const MeasurementGraph& graph, Method method, int num_threads) {
   constexpr double sparse_degree = 20.0;
-  constexpr double flops_of_sweeps = 400.0;  // for an edge, about, in two reweighted sweeps
+  const double sweep_flops = 400.0 * graph.num_edges();  // about, in two reweighted sweeps
   const double degree = 2.0 * graph.num_edges() / std::max<Index>(graph.num_nodes(), 1);
-  const double max_flops = degree > sparse_degree
-                               ? flops_of_sweeps * graph.num_edges()
-                               : std::max(2e8, 5.0 * flops_of_sweeps * graph.num_edges());
+  const double max_flops = degree > sparse_degree ? sweep_flops : std::max(2e8, 5.0 * sweep_flops);
   if (method == Method::bcd) return two_sweeps;
   if (method == Method::sum) return two_sum_steps;
   // A factor holds at least one entry for an edge, and takes at least the square of these over n.
   const bool dense = 0.5 * degree * graph.num_edges() > max_flops;
-  if (method == Method::automatic && dense) return SeldomFactored(num_threads);
+  if (method == Method::automatic && dense) return SeldomFactored(sweep_flops, num_threads);
 
   const auto workspace = std::make_shared<LaplacianWorkspace>(graph, num_threads);
   if (method == Method::automatic && workspace->metric.flops(max_flops) > max_flops) {
-    return SeldomFactored(num_threads);
+    return SeldomFactored(sweep_flops, num_threads);
   }
   return [=](RobustResiduals& residuals, Quaternions& q, const Monitor& monitor) {
     reweighted_sweep(residuals, q, monitor);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 #include <functional>
+#include <utility>
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
@@ -28,18 +29,24 @@ class Neighbourhoods {
   explicit Neighbourhoods(
       const MeasurementGraph& graph, std::function<bool()> keep_going = [] { return true; })
       : graph_(&graph), keep_going_(std::move(keep_going)) {
-    constexpr double most_work = 5e7, enough_work = 4e5;  // steps; triangles are kept
+    constexpr double most_work = 5e7, enough_work = 1e5;  // steps; triangles are kept
     double work = 0.0;
     for (Index k = 0; k < graph.num_nodes(); ++k) {
       for (const HalfEdge& h : graph.row(k)) work += graph.row(h.node).size();
     }
     stride_ = 1 + static_cast<Index>(work / most_work);
     std::vector<double> x;
-    visit_triangles(stride_ + static_cast<Index>(work / enough_work),
+    visit_triangles(stride_ + static_cast<Index>(work / enough_work), false,
                     [&](const Triangle&, double x_k) { x.push_back(x_k); });
     const double most = agreement(std::move(x));
-    visit_triangles(stride_, [&](const Triangle& triangle, double x_k) {
-      if (x_k <= most) agreeing_.push_back(triangle);
+    // Once for all three corners, where they are looked at alike.
+    const bool once = stride_ == 1 && !has_parallel_edges(graph);
+    visit_triangles(stride_, once, [&](const Triangle& t, double x_k) {
+      if (x_k > most) return;
+      agreeing_.push_back(t);
+      if (!once) return;
+      agreeing_.push_back({t.ik, t.ij, t.jk});
+      agreeing_.push_back({t.jk, t.ij, t.ik});
     });
   }
 
@@ -73,9 +80,10 @@ class Neighbourhoods {
   };
 
   /// Calls visit(triangle, x) for all, with x the squared chord by which it misses the identity,
-  /// for every stride-th k. Of edges parallel to ik and jk one is looked at.
+  /// for every stride-th k, or once, as that of its first corner. Of edges parallel to ik and jk
+  /// one is looked at.
   template <typename Visit>
-  void visit_triangles(Index stride, Visit&& visit) const {
+  void visit_triangles(Index stride, bool once, Visit&& visit) const {
     constexpr Index nodes_between_questions = 64;
     const MeasurementGraph& graph = *graph_;
     std::vector<Index> to(graph.num_nodes(), -1);  // the place of the half-edge in the row of k
@@ -87,7 +95,7 @@ class Neighbourhoods {
       for (Index a = 0; a < degree; ++a) {
         const HalfEdge ik = row[a];
         const Index i = ik.node;
-        if (to[i] != a || i == k) continue;
+        if (to[i] != a || i == k || (once && i < k)) continue;
         for (const HalfEdge& ij : graph.row(i)) {
           const Index j = ij.node;
           if (j <= i || j == k || to[j] < 0) continue;
@@ -102,6 +110,16 @@ class Neighbourhoods {
       }
       for (const HalfEdge& h : row) to[h.node] = -1;
     }
+  }
+
+  static bool has_parallel_edges(const MeasurementGraph& graph) {
+    std::vector<Index> seen_by(graph.num_nodes(), -1);
+    for (Index k = 0; k < graph.num_nodes(); ++k) {
+      for (const HalfEdge& h : graph.row(k)) {
+        if (std::exchange(seen_by[h.node], k) == k) return true;
+      }
+    }
+    return false;
   }
 
   /// The squared chord up to which triangles agree: three standard deviations of those that do, by

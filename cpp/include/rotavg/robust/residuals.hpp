@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstring>
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
@@ -12,6 +13,7 @@
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/robust/loss.hpp>
+#include <rotavg/so3/lanes.hpp>
 #include <rotavg/so3/quaternion.hpp>
 
 #pragma GCC diagnostic push
@@ -79,14 +81,29 @@ class RobustResiduals {
     update(q);
   }
   void update(const Quaternions& q) {
-    objective_ = block_sum<double>(graph_->num_edges(), num_threads_, [&, loss = loss_](Index k) {
-      prefetch_ahead(graph_->quaternion_edges(), k);
-      const Vector4 e = residual_quaternion(graph_->quaternion_edges()[k], q);
-      const double weight = vector_square(e) + e.w() * e.w();
-      const double x = squared_chord(e), precision = precision_of(*precision_, k);
-      const double share = weight_share(loss, x, precision), s = share * e.w();
-      pull_[k] = {s * e.x(), s * e.y(), s * e.z(), share * weight};
-      return weight * robust_cost(loss, x, precision);
+    const Index m = graph_->num_edges();
+    objective_ = block_sum<double>((m + 3) / 4, num_threads_, [&, loss = loss_](Index four) {
+      prefetch_ahead(graph_->quaternion_edges(), 4 * four);
+      const Index last = m - 1, k = 4 * four;
+      const Index edge[4] = {k, std::min(k + 1, last), std::min(k + 2, last),
+                             std::min(k + 3, last)};
+      Lanes e[4], precision, share, cost;
+      residual_quaternions_of_four(*graph_, q, edge, e);
+      for (int a = 0; a < 4; ++a) precision[a] = precision_of(*precision_, edge[a]);
+      const Lanes v2 = e[0] * e[0] + e[1] * e[1] + e[2] * e[2], weight = v2 + e[3] * e[3];
+      const Lanes x = 4.0 * v2 / weight;
+      weight_shares(loss, x, precision, share);
+      const Lanes s = share * e[3];
+      for (int a = 0; a < 3; ++a) e[a] *= s;
+      e[3] = share * weight;
+      transpose(e);
+      robust_costs(loss, x, precision, cost);
+      double sum = 0.0;
+      for (int a = 0; a < 4 && k + a < m; ++a) {
+        std::memcpy(pull_[k + a].data(), &e[a], sizeof(Lanes));
+        sum += weight[a] * cost[a];
+      }
+      return sum;
     });
     objective_ *= 2.0;
   }

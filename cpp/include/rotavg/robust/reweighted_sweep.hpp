@@ -14,22 +14,6 @@
 
 namespace rotavg {
 
-/// weight_share() of four edges, in the same arithmetic.
-EIGEN_STRONG_INLINE void weight_shares(const RobustLoss& loss, const Lanes& x,
-                                       const Lanes& precision, Lanes& share) {
-  const Lanes z1 = 1.0 + precision * x * (1.0 / (loss.scale * loss.scale));
-  Lanes weight;
-  if (loss.kind == Loss::cauchy) {
-    weight = 1.0 / z1;
-  } else if (loss.kind == Loss::geman_mcclure) {
-    weight = 1.0 / (z1 * z1);
-  } else {
-    for (int a = 0; a < 4; ++a) weight[a] = loss.weight(x[a], precision[a]);
-  }
-  for (int a = 0; a < 4; ++a) share[a] = least_share(loss, precision[a]);
-  share += (1.0 - share) * weight;
-}
-
 /// DavenportSum over estimates p = q b of a rotation r, each of which counts as much as a loss
 /// leaves of its weight, with its residual in units of its precision; four of them at a time.
 class ReweightedDavenportSum {

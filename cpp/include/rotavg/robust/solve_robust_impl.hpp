@@ -115,7 +115,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
                                           const SolveOptions& options, const RobustOptions& robust,
                                           std::optional<Rotations> start) {
   constexpr double l1_scale = 0.01, outlier_noises = 3.0;
-  constexpr double l1_gain = 1e-4, loss_gain = 1e-5;
+  constexpr double l1_gain = 1e-3, rough_gain = 1e-3, loss_gain = 1e-5, much_less = 0.5;
   constexpr int l1_limit = 60, brief_limit = 30, loss_limit = 500;
   constexpr double pi = 3.141592653589793;
   check(options);
@@ -178,15 +178,23 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   if (go_on()) R = run.graduated(R, loss);
   const bool compares =
       robust.loss == Loss::automatic && !start && options.init == Initialization::automatic;
-  const auto settle = [&](const Rotations& from, int limit) {
-    return run.reweighted(from, loss, loss_gain, go_on() ? limit : 0);
+  const auto settle = [&](const Rotations& from, double gain, int limit) {
+    return run.reweighted(from, loss, gain, go_on() ? limit : 0);
   };
-  IterationResult reweighted = settle(R, compares ? brief_limit : loss_limit);
+  const int limit = compares ? brief_limit : loss_limit;
+  IterationResult reweighted = settle(R, rough_gain, limit);
+  // Where l1 has not come far, as on large graphs, the noise was taken for more than it is.
+  const double noise_now = run.noise_at(reweighted.rotations);
+  if (robust.scale == 0.0 && noise_now < much_less * noise) {
+    loss.scale *= noise_now / noise;
+    noise = noise_now;
+  }
+  append(reweighted, settle(Rotations(reweighted.rotations), loss_gain, limit));
   // Of losses that never stop growing as fast as r, a lower objective is the pull of the outliers.
   const bool redescends = loss.kind != Loss::huber && loss.kind != Loss::l1;
   for (const Rotations& other : starts) {
     if (!redescends || !(run.objective_at(other, loss) < reweighted.objective)) continue;
-    IterationResult second = settle(other, loss_limit);
+    IterationResult second = settle(other, loss_gain, loss_limit);
     if (second.objective < reweighted.objective) reweighted = std::move(second);
   }
 
@@ -201,7 +209,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
     }
     if (portfolio.replaced || portfolio.turned > 0 ||
         reweighted.status == Status::iteration_limit) {
-      reweighted = settle(portfolio.best.rotations, loss_limit);
+      reweighted = settle(portfolio.best.rotations, loss_gain, loss_limit);
     }
   }
   const double reweighting_seconds = run.seconds() - prepared;

@@ -100,8 +100,7 @@ class StorySearch {
   /// Polishes a start, and tells whether it has become the best. After compare_by().
   /// @param ballots (m,) voices of the edges where nodes vote
   bool attempt(const char* start, Rotations from, const std::vector<double>& ballots) {
-    const double noise = run_.noise_at(from);
-    return attempt(start, std::move(from), ballots, noise, true);
+    return attempt(start, std::move(from), ballots, false, true);
   }
   /// The same along the spanning tree with the largest keys (m,).
   bool attempt_tree(const char* start, const std::vector<double>& key,
@@ -162,12 +161,23 @@ class StorySearch {
  private:
   static constexpr double outlier_noises = 3.0, few_cameras = 0.02;
 
-  bool attempt(const char* start, Rotations from, const std::vector<double>& ballots, double noise,
+  bool attempt(const char* start, Rotations from, const std::vector<double>& ballots, bool is_tree,
                bool may_be_best) {
-    constexpr double most_noise = 0.5;
     ++tried_;
-    Story story = polished(run_, graph_, ballots, loss_noises_, std::min(most_noise, noise), start,
-                           std::move(from));
+    const auto comes_to_best = [&](const Rotations& at) {
+      return !is_coarse() && !differ(at, best().rotations);
+    };
+    std::optional<Story> found;
+    if (!comes_to_best(from)) {
+      const double noise = noise_to_begin_with(from, is_tree);
+      found = polished(run_, graph_, ballots, loss_noises_, noise, start, std::move(from),
+                       comes_to_best);
+    }
+    if (!found) {
+      ++agreeing_;
+      return false;
+    }
+    Story& story = *found;
     if (is_coarse() && story.noise < scale_) {
       if (!closes_cycles(in_units(story.noise, story.rotations), graph_.num_nodes())) return false;
       scale_ = story.noise;
@@ -191,12 +201,14 @@ class StorySearch {
   }
   bool attempt_tree(const char* start, const std::vector<double>& key,
                     const std::vector<double>& ballots, bool may_be_best) {
-    constexpr double noises = 3.0;
-    Rotations from = along_spanning_tree(graph_, key);
+    return attempt(start, along_spanning_tree(graph_, key), ballots, true, may_be_best);
+  }
+  double noise_to_begin_with(const Rotations& from, bool is_tree) {
+    constexpr double most_noise = 0.5, noises = 3.0;
+    double noise = run_.noise_at(from);
     // Where edges are of very different precision, paths leave over more than noise off the tree.
-    const double noise =
-        std::max(run_.noise_at(from), std::min(run_.noise_off_tree_at(from), noises * noise_));
-    return attempt(start, std::move(from), ballots, noise, may_be_best);
+    if (is_tree) noise = std::max(noise, std::min(run_.noise_off_tree_at(from), noises * noise_));
+    return std::min(most_noise, noise);
   }
 
   std::vector<double> in_units(double unit, const Rotations& at) {
@@ -208,8 +220,9 @@ class StorySearch {
   }
   void units_of(Story& story) { story.x = in_units(scale_, story.rotations); }
 
-  bool differ(const Story& a, const Story& b) const {
-    const auto group = shared_groups(graph_, a.rotations, b.rotations, tolerance());
+  bool differ(const Story& a, const Story& b) const { return differ(a.rotations, b.rotations); }
+  bool differ(const Rotations& a, const Rotations& b) const {
+    const auto group = shared_groups(graph_, a, b, tolerance());
     return std::count(group.begin(), group.end(), 0) <
            static_cast<std::ptrdiff_t>((1.0 - few_cameras) * static_cast<double>(group.size()));
   }

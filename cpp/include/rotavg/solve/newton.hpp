@@ -37,7 +37,6 @@ namespace rotavg {
 template <typename Graph, typename Residuals, typename Metric>
 IterationResult newton_iteration(const Graph& graph, const Rotations& R, Quaternions q,
                                  Residuals& residuals, Metric& metric, Monitor monitor) {
-  constexpr int max_cg_steps = 50;
   constexpr int max_halvings = 40;
   constexpr double sufficient = 1e-4;
   const int num_threads = monitor.num_threads();
@@ -52,9 +51,10 @@ IterationResult newton_iteration(const Graph& graph, const Rotations& R, Quatern
     });
     const double forcing = std::min(0.1, std::sqrt(monitor.relative_gradient()));
     const NodeVectors& w = newton_direction(
-        g, forcing, max_cg_steps, num_threads,
+        g, forcing, Metric::most_steps, num_threads,
         [&](const NodeVectors& p, NodeVectors& Hp) { apply_hessian(residuals, p, Hp); },
-        [&](const NodeVectors& r, NodeVectors& z) { metric.apply(r, z); });
+        [&](const NodeVectors& r, NodeVectors& z) { metric.apply(r, z); },
+        [&] { return monitor.keep_going(); });
     const double slope = flat_dot(g, w), f = residuals.objective();
     const double rounding = residuals.objective_rounding();
 

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <functional>
+
 #include <rotavg/linalg/flat.hpp>
 
 namespace rotavg {
@@ -15,9 +17,12 @@ class TruncatedCg {
  public:
   /// @param apply_hessian `apply_hessian(p, Hp)`
   /// @param precondition `precondition(r, z)`: z = P r, with P positive definite where it matters
+  /// @param keep_going asked every few steps; false ends them with what there is
   template <typename Hessian, typename Preconditioner>
   const Vectors& operator()(const Vectors& g, double forcing, int max_steps, int num_threads,
-                            Hessian&& apply_hessian, Preconditioner&& precondition) {
+                            Hessian&& apply_hessian, Preconditioner&& precondition,
+                            const std::function<bool()>& keep_going = {}) {
+    constexpr int steps_between_questions = 8;
     w_.setZero(g.rows(), g.cols());
     r_ = g;  // H w + g
     precondition(r_, z_);
@@ -27,6 +32,10 @@ class TruncatedCg {
     const double enough = forcing * forcing * rz;
     double slope = 0.0;  // g^T w, by what the steps promise
     for (int k = 0; k < max_steps; ++k) {
+      if (keep_going && k % steps_between_questions == steps_between_questions - 1 &&
+          !keep_going()) {
+        break;
+      }
       apply_hessian(p_, Hp_);
       const double curvature = flat_dot(p_, Hp_, num_threads);
       if (!(curvature > 0.0)) {
