@@ -7,6 +7,7 @@
 
 #include <rotavg/robust/gnc.hpp>
 #include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/loss_of_four.hpp>
 #include <rotavg/robust/radix_sort.hpp>
 #include <rotavg/robust/scale.hpp>
 #include <rotavg/so3/lanes.hpp>

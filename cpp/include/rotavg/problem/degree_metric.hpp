@@ -1,7 +1,5 @@
 #pragma once
 
-#include <vector>
-
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/problem/hessian.hpp>

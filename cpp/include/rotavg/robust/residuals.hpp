@@ -13,6 +13,7 @@
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/loss_of_four.hpp>
 #include <rotavg/so3/lanes.hpp>
 #include <rotavg/so3/quaternion.hpp>
 

@@ -3,6 +3,7 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/problem/davenport.hpp>
 #include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/loss_of_four.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/so3/lanes.hpp>
 #include <rotavg/so3/loso_quaternion.hpp>
