@@ -116,6 +116,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
                                           std::optional<Rotations> start) {
   constexpr double l1_scale = 0.01, outlier_noises = 3.0;
   constexpr double l1_gain = 1e-3, rough_gain = 1e-3, loss_gain = 1e-5, much_less = 0.5;
+  constexpr double nearly_all = 0.9;
   constexpr int l1_limit = 60, brief_limit = 30, loss_limit = 500;
   constexpr double pi = 3.141592653589793;
   check(options);
@@ -183,8 +184,10 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   };
   const int limit = compares ? brief_limit : loss_limit;
   IterationResult reweighted = settle(R, rough_gain, limit);
-  // Where l1 has not come far, as on large graphs, the noise was taken for more than it is.
-  const double noise_now = run.noise_at(reweighted.rotations);
+  // Where l1 has not come far, as on large graphs, the noise was taken for more than it is. (Where
+  // few edges are checked, the loss can meet more of them exactly, which is no sign of less noise.)
+  const bool is_checked = part.series().freedom() > nearly_all;
+  const double noise_now = is_checked ? run.noise_at(reweighted.rotations) : noise;
   if (robust.scale == 0.0 && noise_now < much_less * noise) {
     loss.scale *= noise_now / noise;
     noise = noise_now;
