@@ -142,4 +142,10 @@ inline double weight_share(const RobustLoss& loss, double x, double precision) {
   return (1.0 - s) * loss.weight(x, precision) + s;
 }
 
+/// What the squared residual costs: (1 - s) rho + s x.
+inline double robust_cost(const RobustLoss& loss, double x, double precision) {
+  const double s = least_share(loss, precision);
+  return (1.0 - s) * loss.rho(x, precision) + s * x;
+}
+
 }  // namespace rotavg

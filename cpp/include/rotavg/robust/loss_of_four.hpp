@@ -21,12 +21,6 @@ EIGEN_STRONG_INLINE void weight_shares(const RobustLoss& loss, const Lanes& x,
   share += (1.0 - share) * weight;
 }
 
-/// What the squared residual costs: (1 - s) rho + s x.
-inline double robust_cost(const RobustLoss& loss, double x, double precision) {
-  const double s = least_share(loss, precision);
-  return (1.0 - s) * loss.rho(x, precision) + s * x;
-}
-
 /// robust_cost() of four edges.
 EIGEN_STRONG_INLINE void robust_costs(const RobustLoss& loss, const Lanes& x,
                                       const Lanes& precision, Lanes& cost) {

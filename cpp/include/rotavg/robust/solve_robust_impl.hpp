@@ -188,11 +188,17 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   // few edges are checked, the loss can meet more of them exactly, which is no sign of less noise.)
   const bool is_checked = part.series().freedom() > nearly_all;
   const double noise_now = is_checked ? run.noise_at(reweighted.rotations) : noise;
-  if (robust.scale == 0.0 && noise_now < much_less * noise) {
+  const bool rescales = robust.scale == 0.0 && noise_now < much_less * noise;
+  if (rescales) {
     loss.scale *= noise_now / noise;
     noise = noise_now;
   }
-  append(reweighted, settle(Rotations(reweighted.rotations), loss_gain, limit));
+  IterationResult settled = settle(reweighted.rotations, loss_gain, limit);
+  if (rescales) {
+    reweighted = std::move(settled);  // its trace begins at this scale
+  } else {
+    append(reweighted, std::move(settled));
+  }
   // Of losses that never stop growing as fast as r, a lower objective is the pull of the outliers.
   const bool redescends = loss.kind != Loss::huber && loss.kind != Loss::l1;
   for (const Rotations& other : starts) {
