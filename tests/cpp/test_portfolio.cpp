@@ -38,6 +38,45 @@ TEST_CASE(
   }
 }
 
+TEST_CASE("edges that are excluded have no say in what other answers there are") {
+  Random random;
+  INFO(random.replay());
+  for (int repeat = 0; repeat < 3; ++repeat) {
+    test::Folded ring = test::folded_ring(random, 60, 0.002, 5, 2);
+    for (RelativeRotation& m : ring.measurements) m.weight = 1.0;
+    const MeasurementGraph without(ring.measurements);
+    // Some of those agree on a turn, so that they would be one more story.
+    const Matrix3 turn = random.rotation();
+    for (Index k = 0; k < 40; ++k) {
+      RelativeRotation m;
+      m.i = random.below(30);
+      m.j = 30 + random.below(30);
+      m.i_from_j = ring.truth[m.i].transpose() * turn * ring.truth[m.j];
+      if (k % 2 == 0) m.i_from_j = random.rotation();
+      ring.measurements.push_back(m);
+    }
+    const MeasurementGraph with(ring.measurements);
+    RobustOptions robust;
+    robust.known.excluded.assign(ring.measurements.size(), false);
+    std::fill(robust.known.excluded.begin() + without.num_edges(), robust.known.excluded.end(),
+              true);
+    const RobustSolution a = solve_robust(without), b = solve_robust(with, {}, robust);
+    CHECK(b.noise == doctest::Approx(a.noise));
+    CHECK(largest_error(b.rotations, a.rotations) < 1e-3);
+    REQUIRE(b.alternatives.size() == a.alternatives.size());
+    for (std::size_t k = 0; k < a.alternatives.size(); ++k) {
+      const Alternative &of_a = a.alternatives[k], &of_b = b.alternatives[k];
+      CHECK(of_b.num_different() == of_a.num_different());
+      REQUIRE(of_b.bundles.size() == of_a.bundles.size());
+      for (std::size_t l = 0; l < of_a.bundles.size(); ++l) {  // with the weights that were given
+        CHECK(of_b.bundles[l].edges == of_a.bundles[l].edges);
+        CHECK(of_a.bundles[l].weight == of_a.bundles[l].edges);
+        CHECK(of_a.bundles[l].alternative_weight == of_a.bundles[l].alternative_edges);
+      }
+    }
+  }
+}
+
 TEST_CASE("a camera trusts eight edges, fewer where cameras or edges are few, and at least four") {
   CHECK(num_strongest(200, 2399) == 8);  // a third of some 24 edges of each
   CHECK(num_strongest(45, 944) == 5);    // a tenth of the cameras

@@ -7,12 +7,14 @@
 
 #include <rotavg/graph/bridges.hpp>
 #include <rotavg/graph/parts.hpp>
+#include <rotavg/graph/series.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/residual_quaternions.hpp>
 #include <rotavg/robust/cycles.hpp>
 #include <rotavg/robust/inner.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/reweighted_sweep.hpp>
+#include <rotavg/robust/settling.hpp>
 #include <rotavg/robust/votes.hpp>
 #include <rotavg/rotavg.hpp>
 #include <rotavg/solve/monitor.hpp>
@@ -188,14 +190,50 @@ TEST_CASE("without noise wrong edges leave no trace; a forest and single edges a
 TEST_CASE("the results are the same bits for any number of threads") {
   Random random;
   INFO(random.replay());
-  const auto problem = contaminated(random, test::complete(70), 0.05, 0.3);
-  SolveOptions options;
-  options.iteration.num_threads = 1;
-  const RobustSolution one = solve_robust(problem.graph, options);
-  options.iteration.num_threads = 3;
-  const RobustSolution three = solve_robust(problem.graph, options);
-  CHECK(one.rotations == three.rotations);
-  CHECK(one.edge_weights == three.edge_weights);
+  // Enough edges for several threads, and no multiple of four; few and sparse ones, too.
+  const auto large = contaminated(random, test::complete(141), 0.05, 0.3);
+  const auto sparse = contaminated(random, test::random_connected(random, 3000, 12000), 0.05, 0.4);
+  REQUIRE(large.graph.num_edges() % 4 != 0);
+  for (const MeasurementGraph* graph : {&large.graph, &sparse.graph}) {
+    SolveOptions options;
+    options.iteration.num_threads = 1;
+    const RobustSolution one = solve_robust(*graph, options);
+    options.iteration.num_threads = 3;
+    const RobustSolution three = solve_robust(*graph, options);
+    CHECK(one.rotations == three.rotations);
+    CHECK(one.edge_weights == three.edge_weights);
+    CHECK(one.robust_objective == three.robust_objective);
+    REQUIRE(one.alternatives.size() == three.alternatives.size());
+    for (std::size_t k = 0; k < one.alternatives.size(); ++k) {
+      CHECK(one.alternatives[k].rotations == three.alternatives[k].rotations);
+    }
+  }
+}
+
+TEST_CASE("noise that was taken for too much is looked at again, and the scale falls with it") {
+  Random random;
+  INFO(random.replay());
+  const auto problem = contaminated(random, test::random_connected(random, 400, 4000), 0.01, 0.2);
+  // Rotations bent by far more than the noise make the residuals that it is first estimated from.
+  const SolveOptions options;
+  MeasurementGraph graph = problem.graph;
+  RobustRun run(graph, options, series_of(graph), {}, Stopwatch());
+  Rotations bent = problem.truth;
+  for (Matrix3& R : bent) R = exp_so3(0.1 * random.normal_vector()) * R;
+  const Consensus consensus{bent, run.noise_at(bent), 0};
+  REQUIRE(consensus.noise > 0.05);
+  const double freedom = series_of(graph).freedom();
+  const Settling settled = settle(run, {Loss::automatic, 0.0}, freedom, consensus, {}, 500);
+  CHECK(settled.noise == doctest::Approx(0.01).epsilon(0.2));
+  CHECK(settled.loss.scale ==
+        doctest::Approx(default_scale(Loss::cauchy, freedom) * settled.noise));
+  for (std::size_t k = 1; k < settled.result.trace.size(); ++k) {  // of one scale
+    CHECK(settled.result.trace[k].objective <=
+          settled.result.trace[k - 1].objective * (1.0 + 1e-12));
+  }
+  // A scale that was given stays.
+  RobustRun again(graph, options, series_of(graph), {}, Stopwatch());
+  CHECK(settle(again, {Loss::automatic, 0.03}, freedom, consensus, {}, 500).loss.scale == 0.03);
 }
 
 TEST_CASE("two groups that only wrong edges join are weak parts, and stay one component") {

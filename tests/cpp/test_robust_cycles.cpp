@@ -87,6 +87,39 @@ TEST_CASE("the part that cycles check is the graph without its bridges, which ar
   }
 }
 
+TEST_CASE("what is left out is no part of what cycles check, and joins what nothing else does") {
+  Random random;
+  INFO(random.replay());
+  // Three complete graphs, which only edges join that are left out; so is one within the first.
+  test::Pairs pairs;
+  for (const Index first : {0, 5, 10}) {
+    for (const auto& [i, j] : test::complete(5)) pairs.emplace_back(first + i, first + j);
+  }
+  const std::size_t within = 3, kept = pairs.size();
+  for (Index k = 0; k < 4; ++k) pairs.emplace_back(10 + k, 5 + k);
+  for (Index k = 0; k < 3; ++k) pairs.emplace_back(5 + k, k);
+  const Rotations truth = random.rotations(15);
+  const MeasurementGraph graph(test::measure(random, pairs, truth, 0.0));
+  std::vector<bool> left_out(pairs.size(), false);
+  left_out[within] = true;
+  for (std::size_t k = kept; k < pairs.size(); ++k) left_out[k] = true;
+  const CheckedPart part(graph, left_out);
+  CHECK(part.graph().num_edges() == 29);
+  CHECK(part.graph().num_nodes() == 15);
+  Rotations R = truth;
+  for (const Index first : {0, 5, 10}) {
+    const Matrix3 gauge = random.rotation();
+    for (Index i = first; i < first + 5; ++i) R[i] = gauge * R[i];
+  }
+  std::vector<double> x;
+  squared_residuals(graph, to_quaternions(part.extended(R)), 1, x);
+  for (const double x_k : x) CHECK(x_k < 1e-20);
+  // Where all are left out, nothing is.
+  const CheckedPart all(graph, std::vector<bool>(pairs.size(), true));
+  CHECK(all.graph().num_edges() == graph.num_edges());
+  CHECK(all.extended(truth) == truth);
+}
+
 TEST_CASE("a chain of bridges changes nothing of what it hangs on, with any loss") {
   Random random;
   INFO(random.replay());

@@ -6,6 +6,7 @@
 #include <doctest/doctest.h>
 
 #include <rotavg/robust/gnc.hpp>
+#include <rotavg/robust/log1p_of_four.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/loss_of_four.hpp>
 #include <rotavg/robust/radix_sort.hpp>

@@ -6,6 +6,7 @@
 
 #include <doctest/doctest.h>
 
+#include <rotavg/graph/common_ancestors.hpp>
 #include <rotavg/init/maximum_spanning_tree.hpp>
 #include <rotavg/robust/evidence.hpp>
 #include <rotavg/robust/neighbourhoods.hpp>
@@ -228,6 +229,58 @@ TEST_CASE("groups are told apart by a step, in every component by itself") {
   CHECK(group == std::vector<Index>{0, 0, 0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 0, 0});
   adopt_gauge(graph, group, R, S);
   for (Index i = 0; i < 14; ++i) CHECK((group[i] == 0) == ((R[i] - S[i]).norm() < 1e-9));
+}
+
+TEST_CASE("the lowest common ancestor in a forest is where the ways to the roots meet") {
+  Random random;
+  INFO(random.replay());
+  for (int repeat = 0; repeat < 20; ++repeat) {
+    const Index n = 1 + random.below(60), back = 1 + random.below(8);
+    std::vector<Index> parent(n, -1), order(n);
+    std::iota(order.begin(), order.end(), 0);
+    for (Index v = 1; v < n; ++v) {
+      if (random.below(12) > 0) parent[v] = v - 1 - random.below(std::min(v, back));
+    }
+    const CommonAncestors common(parent, order);
+    for (Index a = 0; a < n; ++a) {
+      std::vector<Index> above{a};
+      while (parent[above.back()] >= 0) above.push_back(parent[above.back()]);
+      CHECK(common.depth(a) == static_cast<Index>(above.size()) - 1);
+      for (Index b = 0; b < n; ++b) {
+        Index at = b;
+        while (at >= 0 && std::find(above.begin(), above.end(), at) == above.end()) {
+          at = parent[at];
+        }
+        CHECK(common(a, b) == at);
+      }
+    }
+  }
+}
+
+TEST_CASE("wrong closures on a long chain of poses have no more voices than memory holds") {
+  Random random;
+  INFO(random.replay());
+  constexpr Index poses = 20000, wrong = 1000;  // 6.7e6 cuts are crossed
+  test::Pairs pairs = test::path(poses);
+  auto measurements = test::simulate(random, pairs, 0.0);
+  for (Index k = 0; k < wrong; ++k) {
+    measurements.push_back(
+        {random.below(poses / 2), poses / 2 + random.below(poses / 2), random.rotation(), 1.0});
+  }
+  const MeasurementGraph graph(measurements);
+  const Rotations R = maximum_spanning_tree_init(MeasurementGraph(
+      std::vector<RelativeRotation>(measurements.begin(), measurements.begin() + poses - 1)));
+  std::vector<double> x;
+  squared_residuals(graph, to_quaternions(R), 1, x);
+  const detail::Sides sides = detail::sides_of(graph, {}, x, 0.01, R);
+  std::size_t voices = 0, silent = 0;
+  for (const auto& cast : sides.ballots) {
+    voices += cast.size();
+    silent += cast.empty();
+  }
+  CHECK(voices < 1200000);
+  CHECK(voices > 700000);
+  CHECK(silent < poses / 50);  // near the ends, and the root
 }
 
 TEST_CASE("two edges that agree turn what one of great weight holds") {

@@ -38,6 +38,7 @@ CPP_STRUCTS = (
     "io/text.hpp",
     "robust/edge_knowledge.hpp",
     "robust/loss.hpp",
+    "robust/rig_estimate.hpp",
     "solve/options.hpp",
     "solve/progress.hpp",
     "solve/result.hpp",

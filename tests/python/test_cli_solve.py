@@ -104,6 +104,43 @@ def test_the_limits_of_the_proof(graph_file: Path) -> None:
     assert done.returncode == 2
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--mu", "adaptive"], "--mu is for --method sum"),
+        (["--accelerate", "--method", "newton"], "--accelerate is for --method bcd or sum"),
+        (["--seed", "3"], "--seed is for --init random"),
+        (["--loss-scale", "2"], "--loss-scale is for --loss, which is not given or l2"),
+        (["--min-cycles", "2"], "--min-cycles is for --cycle-threshold, which is not given"),
+        (["--noise-variance", "1"], "--noise-variance is for --covariances, which is not given"),
+        (
+            ["--certificate-seed", "1", "--no-certify"],
+            "--certificate-seed is not possible with --no-certify",
+        ),
+    ],
+)
+def test_options_that_would_do_nothing_are_refused(
+    graph_file: Path, options: list[str], message: str
+) -> None:
+    done = run("solve", graph_file, *options)
+    assert done.returncode == 2
+    assert message in " ".join(done.stderr.split())
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--mu", "adaptive", "--method", "sum"],
+        ["--accelerate", "--method", "bcd"],
+        ["--seed", "3", "--init", "random"],
+        ["--min-cycles", "2", "--cycle-threshold", "30", "--loss", "auto"],
+        ["--certificate-seed", "1"],
+    ],
+)
+def test_the_same_options_are_taken_where_they_do(graph_file: Path, options: list[str]) -> None:
+    assert run("solve", graph_file, *options).returncode == 0
+
+
 def test_full_covariances_need_the_information(graph_file: Path) -> None:
     done = run("solve", graph_file, "--anisotropic", "--unit-weights")
     assert done.returncode == 2

@@ -18,15 +18,16 @@ from test_cli import run
 def test_the_command_writes_a_report_that_says_how_to_repeat_it(tmp_path: Path) -> None:
     graph = tmp_path / "my graph.g2o"
     rotavg.write(graph, rotavg.simulate("sphere", 100, noise=0.1, seed=1).graph)
-    done = run("solve", graph, "--report", tmp_path / "out.html", "--seed", "7", "--json")
+    page = tmp_path / "out.html"
+    done = run("solve", graph, "--report", page, "--certificate-seed", "7", "--json")
     assert done.returncode == 0
     assert done.stderr == ""
     assert json.loads(done.stdout)["solved"]
-    text = Text((tmp_path / "out.html").read_text(encoding="utf-8"))
+    text = Text(page.read_text(encoding="utf-8"))
     command = text.of("code")[0]
-    assert command == f"rotavg solve '{graph}' --report {tmp_path / 'out.html'} --seed 7 --json"
+    assert command == f"rotavg solve '{graph}' --report {page} --certificate-seed 7 --json"
     cells = dict(zip(text.of("th"), text.of("td")[-len(text.of("th")) :]))
-    assert cells["--seed"] == "7"
+    assert cells["--certificate-seed"] == "7"
     assert cells["--method"] == "auto"
     assert re.search(r"SHA-256 [0-9a-f]{64}$", cells["input"])
     assert float(cells["read"].removesuffix(" s")) > 0

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, Callable, TypeVar
 
 import click
-from click.core import ParameterSource
 
 import rotavg
 from rotavg.base.errors import require
+from rotavg.cli.options import typed
 from rotavg.cli.output import print_json, print_text
 from rotavg.cli.progress import NowAndThen
 from rotavg.distributed import DistributedSolution, Interrupted, Round, solve
@@ -53,12 +53,7 @@ def distributed_options(command: F) -> F:
 
 def check_distributed_options(distributed: bool) -> None:
     """Refuse, by name, what only one of the two has a use for."""
-    context = click.get_current_context()
-    for parameter in context.command.params:
-        name = parameter.name or ""
-        if context.get_parameter_source(name) != ParameterSource.COMMANDLINE:
-            continue
-        option = max(parameter.opts, key=len)
+    for name, option in typed().items():
         if distributed and name not in KNOWN:
             raise click.UsageError(f"{option} is not possible with --distributed")
         if not distributed and name in ("scheduler", "parts"):

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, BinaryIO, Callable, TypeVar
 
 import click
-from click.core import ParameterSource
 
 import rotavg
+from rotavg.cli.options import typed
 from rotavg.cli.output import print_text
 from rotavg.io.g2o_stream import edge_lines
 
@@ -35,12 +35,8 @@ def follow_option(command: F) -> F:
 
 def check_follow_options() -> None:
     """Refuse, by name, what has no use here."""
-    context = click.get_current_context()
-    for parameter in context.command.params:
-        if context.get_parameter_source(parameter.name or "") != ParameterSource.COMMANDLINE:
-            continue
-        if parameter.name not in KNOWN:
-            option = max(parameter.opts, key=len)
+    for name, option in typed().items():
+        if name not in KNOWN:
             raise click.UsageError(f"{option} is not possible with --follow")
 
 

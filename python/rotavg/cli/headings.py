@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
 import rotavg
+from rotavg.cli.options import typed
 
 # The options of `rotavg solve` that have no meaning there.
 _EXCLUDED = {
@@ -23,13 +23,9 @@ def check_heading_options(gravity: Path | None) -> None:
     """UsageError without gravity, and for options that have no meaning."""
     if gravity is None:
         raise click.UsageError("--headings is for --gravity, which is not given")
-    context = click.get_current_context()
-    for parameter in context.command.params:
-        given = context.get_parameter_source(parameter.name or "") == ParameterSource.COMMANDLINE
-        if given and parameter.name in _EXCLUDED:
-            raise click.UsageError(
-                f"{max(parameter.opts, key=len)} is not possible with --headings"
-            )
+    for name, option in typed().items():
+        if name in _EXCLUDED:
+            raise click.UsageError(f"{option} is not possible with --headings")
 
 
 def solve_upright(

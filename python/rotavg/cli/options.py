@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Callable, TypeVar
 
 import click
+from click.core import ParameterSource
 
 from rotavg.cli.command import PlainNumber
 from rotavg.io import FORMATS
@@ -88,3 +89,14 @@ def taken(kind: type[Group], settings: dict[str, Any]) -> Group:
     """The options that are the fields of this dataclass, taken out of all of them."""
     names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
     return kind(**{name: settings.pop(name) for name in names})
+
+
+def typed() -> dict[str, str]:
+    """The parameters of the running command that the user has typed, each with its option."""
+    context = click.get_current_context()
+    return {
+        parameter.name: max(parameter.opts, key=len)
+        for parameter in context.command.params
+        if parameter.name
+        and context.get_parameter_source(parameter.name) == ParameterSource.COMMANDLINE
+    }

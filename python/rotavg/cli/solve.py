@@ -15,7 +15,7 @@ from rotavg.cli.distributed import check_distributed_options, solve_in_parts
 from rotavg.cli.follow import check_follow_options, follow_input
 from rotavg.cli.headings import check_heading_options, solve_upright
 from rotavg.cli.known_edges import KnownEdges, check_known_edges, read_known_edges
-from rotavg.cli.options import taken
+from rotavg.cli.options import taken, typed
 from rotavg.cli.output import print_json, print_notes, print_solution, print_text
 from rotavg.cli.poses import check_refinable
 from rotavg.cli.priors import KnownNodes, check_prior_options, read_priors, with_doubts
@@ -70,6 +70,7 @@ def solve(
     _translate(settings)
     files = taken(SolveFiles, settings)
     nodes, edges = taken(KnownNodes, settings), taken(KnownEdges, settings)
+    _refuse_idle(settings, no_certify=no_certify)
     _check(settings, nodes, edges, headings)
     files.check(input_path, [*nodes.paths, *edges.paths, *_further_inputs(settings)])
 
@@ -140,12 +141,29 @@ def _radians(scale: str) -> float | Literal["auto"]:
 
 def _check(settings: dict[str, Any], nodes: KnownNodes, edges: KnownEdges, headings: bool) -> None:
     """UsageError for options that do not go together."""
-    if settings["loss"] == "l2" and settings["loss_scale"] != "auto":
-        raise click.UsageError("--loss-scale is for --loss, which is not given or l2")
     check_known_edges(settings["loss"], edges, settings["weight_kind"])
     check_prior_options(nodes)
     if headings:
         check_heading_options(nodes.gravity_path)
+
+
+def _refuse_idle(settings: dict[str, Any], *, no_certify: bool) -> None:
+    """UsageError for an option that was typed and would do nothing."""
+    has_scale = settings["loss"] != "l2" or settings["loss_scale"] == "auto"
+    # What each needs, and whether that is there.
+    needs = {
+        "mu": ("--method sum", settings["method"] == "sum"),
+        "accelerate": ("--method bcd or sum", settings["method"] in ("bcd", "sum")),
+        "seed": ("--init random", settings["init"] == "random"),
+        "loss_scale": ("--loss, which is not given or l2", has_scale),
+        "min_cycles": ("--cycle-threshold, which is not given", "cycle_threshold" in settings),
+    }
+    for name, option in typed().items():
+        what, is_there = needs.get(name, ("", True))
+        if not is_there:
+            raise click.UsageError(f"{option} is for {what}")
+        if no_certify and name.startswith("certificate_"):
+            raise click.UsageError(f"{option} is not possible with --no-certify")
 
 
 def _further_inputs(settings: dict[str, Any]) -> list[Path | None]:

@@ -19,9 +19,9 @@ class Bundle(NamedTuple):
     Attributes:
         groups: the labels of both, as in `Alternative.group`.
         edges: how many the answer explains and the alternative does not.
-        weight: their weights together.
+        weight: their given weights together.
         alternative_edges: how many the alternative explains and the answer does not.
-        alternative_weight: their weights together.
+        alternative_weight: their given weights together.
     """
 
     groups: tuple[int, int]

@@ -27,8 +27,6 @@ namespace rotavg {
 /// of every component is held.
 class BlockMetric {
  public:
-  static constexpr int most_steps = 50;  ///< of conjugate gradients in it
-
   /// @param eliminations of all components, without their roots; must outlive this object
   explicit BlockMetric(std::vector<Elimination>& eliminations) : eliminations_(eliminations) {}
 
@@ -76,8 +74,6 @@ class BlockMetric {
 /// factors are too large, most of which are well connected.
 class DiagonalMetric {
  public:
-  static constexpr int most_steps = 50;  ///< of conjugate gradients in it
-
   explicit DiagonalMetric(const AnisotropicResiduals& residuals)
       : num_threads_(residuals.num_threads()), inverse_(residuals.graph().num_nodes()) {
     const AnisotropicGraph& graph = residuals.graph();

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <limits>
 #include <queue>
 #include <tuple>
@@ -22,8 +23,10 @@ namespace rotavg {
 /// this is a tree of shortest paths.
 ///
 /// @param key (m,) how good the edges are, no NaN
-inline Rotations along_spanning_tree(const MeasurementGraph& graph,
-                                     const std::vector<double>& key) {
+/// @param keep_going asked every few milliseconds; false stops, and the rest stays at I
+inline Rotations along_spanning_tree(const MeasurementGraph& graph, const std::vector<double>& key,
+                                     const std::function<bool()>& keep_going = {}) {
+  constexpr Index nodes_between_questions = 1024;
   Rotations R(static_cast<std::size_t>(graph.num_nodes()), Matrix3::Identity());
   std::vector<Index> depth(R.size(), -1);
   // The key, and then, as the largest comes first, minus the depth and minus the edge.
@@ -33,10 +36,12 @@ inline Rotations along_spanning_tree(const MeasurementGraph& graph,
   const Candidate none(-std::numeric_limits<double>::infinity(), std::numeric_limits<Index>::min(),
                        0);
   std::vector<Candidate> best(R.size(), none);
+  Index reached = 0;
   for (Index root = 0; root < graph.num_nodes(); ++root) {
     if (depth[root] >= 0) continue;
     depth[root] = 0;
     for (Index newest = root; newest >= 0;) {
+      if (++reached % nodes_between_questions == 0 && keep_going && !keep_going()) return R;
       for (const HalfEdge& h : graph.row(newest)) {
         if (depth[h.node] >= 0) continue;
         const Candidate candidate(key[h.edge()], -depth[newest], -h.edge());
@@ -63,11 +68,12 @@ inline Rotations along_spanning_tree(const MeasurementGraph& graph,
 /// numbers of matches and no edge is wrong at random, it leaves out repeated structure: what only
 /// looks alike shares fewer matches than what is seen twice. A single random edge of great weight
 /// ruins it.
-inline Rotations maximum_spanning_tree_init(const MeasurementGraph& graph) {
+inline Rotations maximum_spanning_tree_init(const MeasurementGraph& graph,
+                                            const std::function<bool()>& keep_going = {}) {
   std::vector<double> weights;
   weights.reserve(graph.edges().size());
   for (const Edge& e : graph.edges()) weights.push_back(e.weight);
-  return along_spanning_tree(graph, weights);
+  return along_spanning_tree(graph, weights, keep_going);
 }
 
 }  // namespace rotavg

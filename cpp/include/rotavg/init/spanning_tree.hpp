@@ -15,7 +15,7 @@ namespace rotavg {
 /// Exact without noise.
 inline Rotations spanning_tree_init(const MeasurementGraph& graph,
                                     const std::function<bool()>& keep_going = {}) {
-  return along_spanning_tree(graph, edge_support(graph, keep_going));
+  return along_spanning_tree(graph, edge_support(graph, keep_going), keep_going);
 }
 
 }  // namespace rotavg

@@ -9,13 +9,11 @@
 
 namespace rotavg {
 
-/// (4 D)^-1 with D the degrees: of the LaplacianMetric what needs no factor. Conjugate gradients in
-/// it take steps like the root of the condition number of D^-1/2 L D^-1/2, where sweeps take like
-/// the number itself.
+/// (4 D)^-1 with D the diagonal of the scalar graph Laplacian L, the degrees: Jacobi's
+/// preconditioner, for graphs whose L is too large to be factored. With kappa the condition number
+/// of D^-1/2 L D^-1/2, conjugate gradients need O(sqrt(kappa)) steps, where sweeps need O(kappa).
 class DegreeMetric {
  public:
-  static constexpr int most_steps = 1000;  ///< of conjugate gradients in it
-
   /// @param graph must outlive this object
   DegreeMetric(const MeasurementGraph& graph, int num_threads)
       : graph_(graph), num_threads_(num_threads) {}

@@ -19,8 +19,6 @@ namespace rotavg {
 /// in which f is nearly round, factored once.
 class LaplacianMetric {
  public:
-  static constexpr int most_steps = 50;  ///< of conjugate gradients in it
-
   /// @param eliminations of all components, without their roots; must outlive this object
   LaplacianMetric(const MeasurementGraph& graph, std::vector<Elimination>& eliminations)
       : graph_(graph), eliminations_(eliminations) {}

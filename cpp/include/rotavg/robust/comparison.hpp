@@ -8,6 +8,10 @@
 
 namespace rotavg {
 
+/// The squared residual, in units of the noise, from which on an edge contradicts an answer, and up
+/// to which it counts.
+constexpr double contradiction = 16.0;
+
 /// What two answers explain that the other one does not.
 class Comparison {
  public:

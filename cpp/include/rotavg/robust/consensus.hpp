@@ -23,13 +23,17 @@ struct Consensus {
 ///
 /// 1. The noise is estimated from the residuals (noise_scale). While too few of these are small for
 ///    that, the loss cauchy is minimised, at first with so wide a scale that it has few local
-///    minima, then with half of it, and so on. So far every edge has one voice.
+///    minima, then with half of it, and so on.
 /// 2. Nodes that a few wrong edges hold in the wrong place are moved to where most of their
 ///    neighbours would have them (take_votes). If they are many, others can vote better after the
-///    loss has settled, and do.
+///    loss has settled, and do, up to four times in all.
 ///
+/// @param run that judges every edge evenly; from 2. on, and when this returns, each in its own
+///        units
+/// @param graph that it runs on
+/// @param R world_from_i
 inline Consensus find_consensus(RobustRun& run, const MeasurementGraph& graph, Rotations R) {
-  constexpr double most_noise = 0.5, wide_scale = 0.25, votes_noises = 3.0;
+  constexpr double wide_scale = 0.25;
   constexpr int most_halvings = 5, most_rounds = 4;
   constexpr double patient_gain = 1e-5, brief_gain = 1e-4, many = 0.25;
   constexpr int patient_limit = 200, brief_limit = 10;
@@ -48,13 +52,13 @@ inline Consensus find_consensus(RobustRun& run, const MeasurementGraph& graph, R
   if (noise > most_noise) noise = noise_among_random(run.series_residuals_at(R));
   noise = std::min(noise, most_noise);
 
-  run.judge_evenly(false);
   // 2.
+  run.judge_evenly(false);
   Consensus consensus;
   for (int k = 0; k < most_rounds && go_on(); ++k) {
     const Index moved =
-        take_votes(graph, run.given(), run.precision(), {Loss::geman_mcclure, votes_noises * noise},
-                   R, run.keep_going());
+        take_votes(graph, run.given(), run.precision(),
+                   {Loss::geman_mcclure, outlier_noises * noise}, R, run.keep_going());
     consensus.moved += moved;
     if (moved > 0) noise = std::min(most_noise, noise_at(R));
     if (moved <= many * graph.num_nodes()) break;

@@ -52,12 +52,14 @@ struct EdgeKnowledge {
     for (std::size_t k = 0; k < scales.size(); ++k) {
       if (scales[k] >= least && scales[k] <= most) continue;
       throw std::invalid_argument("edge " + std::to_string(k) + ": its scale is " +
-                                  std::to_string(scales[k]) + "; expected a positive factor");
+                                  six_digits(scales[k]) +
+                                  "; expected a factor between 1e-50 and "
+                                  "1e50");
     }
     for (std::size_t k = 0; k < initial_weights.size(); ++k) {
       if (initial_weights[k] >= 0.0 && initial_weights[k] <= 1.0) continue;
       throw std::invalid_argument("edge " + std::to_string(k) + ": its initial weight is " +
-                                  std::to_string(initial_weights[k]) + "; expected 0 to 1");
+                                  six_digits(initial_weights[k]) + "; expected 0 to 1");
     }
     for (std::size_t k = 0; k < std::min(trusted.size(), excluded.size()); ++k) {
       if (!trusted[k] || !excluded[k]) continue;

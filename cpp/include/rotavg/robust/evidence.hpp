@@ -46,18 +46,18 @@ class Evidence {
     constexpr std::size_t most_edges = 400;
     const std::size_t stride = 1 + edges.size() / most_edges;
     std::vector<bool> near(static_cast<std::size_t>(graph_->num_nodes()), false);
-    Index closed = 0, pairs = 0;
+    double closed = 0.0, pairs = 0.0;
     for (std::size_t k = 0; k < edges.size(); k += stride) {
       const Edge& e = graph_->edges()[edges[k]];
       for (const HalfEdge& h : graph_->row(e.j)) near[h.node] = true;
       for (const HalfEdge& h : graph_->row(e.i)) {
         if (h.node == e.j) continue;
-        ++pairs;
+        pairs += 1.0;
         closed += near[h.node];
       }
       for (const HalfEdge& h : graph_->row(e.j)) near[h.node] = false;
     }
-    return pairs > 0 ? static_cast<double>(closed) / pairs : 0.0;
+    return pairs > 0.0 ? closed / pairs : 0.0;
   }
 
   /// Whether there is no doubt that the first of two answers is the better one.
@@ -90,7 +90,7 @@ class Evidence {
   /// @param uncounted (n,) nodes whose edges do not count; empty: none
   Comparison compare(const std::vector<double>& x, const std::vector<double>& other,
                      const std::vector<bool>& uncounted = {}) const {
-    constexpr double most = 16.0;
+    constexpr double most = contradiction;
     Comparison c;
     for (std::size_t k = 0; k < x.size(); ++k) {
       const Edge& e = graph_->edges()[k];

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -83,70 +84,99 @@ struct LaplacianWorkspace {
   LaplacianMetric metric;
 };
 
-/// Where the Laplacian is costly: sweeps, and where these have no end, a sweep and a step of
-/// Newton's. Its metric is the Laplacian of older weights, factored where as many sweeps have been
-/// made as take its time, and again whenever there have been twice as many reweightings, of this
-/// start and those before; where that is too large, the degrees.
+/// Where the Laplacian is costly: sweeps at first. After a dozen reweightings, counted over all
+/// starts of a call, as sweeps may have no end, a sweep and a step of Newton's. Its metric is the
+/// Laplacian of older weights, factored where as many sweeps have been made as take its time, and
+/// again whenever there have been twice as many reweightings; where that is too large, or singular
+/// to rounding, the degrees.
 class SeldomFactored {
  public:
   /// @param sweep_flops operations in the time of two reweighted sweeps
   /// @param max_flops that a factor may take: half a minute, and a gigabyte or two
   SeldomFactored(double sweep_flops, int num_threads, double max_flops = 3e11)
-      : sweep_flops_(sweep_flops), max_flops_(max_flops), num_threads_(num_threads) {}
+      : sweep_flops_(sweep_flops),
+        max_flops_(max_flops),
+        num_threads_(num_threads),
+        state_(std::make_shared<State>()) {}
 
-  void operator()(RobustResiduals& residuals, Quaternions& q, const Monitor& monitor) {
+  void operator()(RobustResiduals& residuals, Quaternions& q, const Monitor& monitor) const {
     constexpr int patience = 12;  // reweightings
-    const int iteration = iterations_++;
+    State& state = *state_;
+    const int iteration = state.iterations++;
     if (iteration < patience) return two_sweeps(residuals, q, monitor);
-    if (!workspace_) {
-      workspace_ = std::make_shared<LaplacianWorkspace>(residuals.graph(), num_threads_);
-      weighted_ = std::make_shared<MeasurementGraph>(residuals.graph());
-      flops_ = workspace_->metric.flops(max_flops_);
-      too_large_ = flops_ > max_flops_;
+    if (state.metric == Metric::undecided) decide(residuals.graph());
+    if (state.metric == Metric::laplacian && iteration * sweep_flops_ < state.flops) {
+      return two_sweeps(residuals, q, monitor);
     }
-    if (!too_large_ && iteration * sweep_flops_ < flops_) return two_sweeps(residuals, q, monitor);
     reweighted_sweep(residuals, q, monitor);
     residuals.update(q);
-    MeasurementGraph& weighted = *weighted_;
-    weighted.set_weights(residuals.weights());
-    if (!too_large_ && iteration >= 2 * factored_at_) {
+    state.weighted->set_weights(residuals.weights());
+    if (state.metric == Metric::laplacian && iteration >= 2 * state.factored_at) {
       const auto keep_going = [&monitor] { return monitor.keep_going(); };
-      factored_at_ = iteration;
-      too_large_ = workspace_->metric.factorize(weighted.weights(), keep_going) ==
-                   CholeskyOutcome::not_positive_definite;
-      if (!monitor.keep_going()) return;
+      state.factored_at = iteration;
+      const CholeskyOutcome outcome =
+          state.workspace->metric.factorize(state.weighted->weights(), keep_going);
+      if (outcome == CholeskyOutcome::not_positive_definite) use_degrees();
     }
-    if (too_large_) {
-      DegreeMetric degrees(weighted, num_threads_);
-      newton_step(degrees, q, monitor);
+    if (!monitor.keep_going()) return;
+    if (state.metric == Metric::laplacian) {
+      newton_step(state.workspace->metric, q, monitor, few_steps);
     } else {
-      newton_step(workspace_->metric, q, monitor);
+      DegreeMetric degrees(*state.weighted, num_threads_);
+      newton_step(degrees, q, monitor, many_steps);
     }
     residuals.update(q);
   }
 
  private:
+  enum class Metric { undecided, laplacian, degrees };
+
+  struct State {
+    Metric metric = Metric::undecided;
+    int iterations = 0, factored_at = 0;
+    double flops = 0.0;  ///< of a factor
+    std::unique_ptr<LaplacianWorkspace> workspace;
+    std::optional<MeasurementGraph> weighted;
+  };
+
+  /// Of conjugate gradients. In the metric of the degrees the number of steps grows like the root
+  /// of the condition number: a thousand do where it is 1e5 or so, and cost as much as some
+  /// hundred sweeps, which would not have got far.
+  static constexpr int few_steps = 50, many_steps = 1000;
+
+  void decide(const MeasurementGraph& graph) const {
+    State& state = *state_;
+    state.weighted = graph;
+    state.workspace = std::make_unique<LaplacianWorkspace>(graph, num_threads_);
+    state.flops = state.workspace->metric.flops(max_flops_);
+    state.metric = Metric::laplacian;
+    if (state.flops > max_flops_) use_degrees();
+  }
+  void use_degrees() const {
+    state_->metric = Metric::degrees;
+    state_->workspace.reset();
+  }
+
   /// On the weighted problem, in place.
-  template <typename Metric>
-  void newton_step(Metric& metric, Quaternions& q, const Monitor& monitor) const {
+  template <typename AnyMetric>
+  void newton_step(AnyMetric& metric, Quaternions& q, const Monitor& monitor,
+                   int max_cg_steps) const {
+    const MeasurementGraph& weighted = *state_->weighted;
     IterationOptions one;
     one.tolerance = 0.0;
     one.max_iterations = 1;
     one.num_threads = num_threads_;
     one.keep_going = [&monitor] { return monitor.keep_going(); };
     const Rotations R = to_rotations(q);
-    ResidualQuaternions least_squares(*weighted_, q, num_threads_);
-    q = to_quaternions(newton_iteration(*weighted_, R, Quaternions(q), least_squares, metric,
-                                        Monitor(*weighted_, R, one))
+    ResidualQuaternions least_squares(weighted, q, num_threads_);
+    q = to_quaternions(newton_iteration(weighted, R, Quaternions(q), least_squares, metric,
+                                        Monitor(weighted, R, one), max_cg_steps)
                            .rotations);
   }
 
-  double sweep_flops_, max_flops_, flops_ = 0.0;
+  double sweep_flops_, max_flops_;
   int num_threads_;
-  std::shared_ptr<LaplacianWorkspace> workspace_;  // these are made when they are first needed
-  std::shared_ptr<MeasurementGraph> weighted_;
-  int iterations_ = 0, factored_at_ = 0;  // over all starts
-  bool too_large_ = false;
+  std::shared_ptr<State> state_;  ///< as InnerSteps may be copied
 };
 
 /// Two steps of the paper's parallel algorithm on the weighted problem.

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
-#include <rotavg/robust/part_votes.hpp>
 #include <rotavg/robust/residuals.hpp>
+#include <rotavg/robust/sides.hpp>
 #include <rotavg/robust/turn_odds.hpp>
 #include <rotavg/types.hpp>
 
@@ -36,8 +36,8 @@ inline Index take_likely_turns(const MeasurementGraph& graph, const std::vector<
   }
   const TurnOdds odds(graph, sides.checked, sides.left_out);
   const auto agree = [&](const Matrix3& at, const detail::Ballot& b) {
-    const double chord2 = 3.0 - at.cwiseProduct(b.turn).sum();
-    return chord2 <= std::max(tolerance * tolerance, thresholds * thresholds * b.most2);
+    return squared_chord(at, b.turn) <=
+           std::max(tolerance * tolerance, thresholds * thresholds * b.most2);
   };
   // Edges that agree add up, if any of them speaks for their turn at all.
   const auto together = [&](const std::vector<detail::Ballot>& cast, const detail::Ballot& with) {

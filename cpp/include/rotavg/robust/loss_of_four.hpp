@@ -1,5 +1,6 @@
 #pragma once
 
+#include <rotavg/robust/log1p_of_four.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/so3/lanes.hpp>
 
@@ -21,7 +22,7 @@ EIGEN_STRONG_INLINE void weight_shares(const RobustLoss& loss, const Lanes& x,
   share += (1.0 - share) * weight;
 }
 
-/// robust_cost() of four edges.
+/// robust_cost() of four edges, but for rounding: its logarithm is another.
 EIGEN_STRONG_INLINE void robust_costs(const RobustLoss& loss, const Lanes& x,
                                       const Lanes& precision, Lanes& cost) {
   if (loss.kind != Loss::cauchy) {

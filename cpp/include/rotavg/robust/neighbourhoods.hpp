@@ -3,12 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <functional>
 #include <utility>
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/robust/radix_sort.hpp>
+#include <rotavg/robust/scale.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
@@ -25,6 +27,8 @@ namespace rotavg {
 /// were true, do not (Wilson and Snavely 2013; Yan et al. 2017).
 class Neighbourhoods {
  public:
+  /// Of large graphs, where that would take long, every so-maniest node is a common neighbour.
+  ///
   /// @param keep_going asked every few milliseconds; false stops, and the rest counts for nothing
   explicit Neighbourhoods(
       const MeasurementGraph& graph, std::function<bool()> keep_going = [] { return true; })
@@ -34,19 +38,16 @@ class Neighbourhoods {
     for (Index k = 0; k < graph.num_nodes(); ++k) {
       for (const HalfEdge& h : graph.row(k)) work += graph.row(h.node).size();
     }
-    stride_ = 1 + static_cast<Index>(work / most_work);
+    // At least one node is looked at.
+    const double all = std::max(1.0, static_cast<double>(graph.num_nodes() - 1));
+    stride_ = static_cast<Index>(std::min(all, 1.0 + std::floor(work / most_work)));
     std::vector<double> x;
-    visit_triangles(stride_ + static_cast<Index>(work / enough_work), false,
-                    [&](const Triangle&, double x_k) { x.push_back(x_k); });
+    visit_triangles(static_cast<Index>(std::min(all, stride_ + std::floor(work / enough_work))),
+                    false, [&](const Triangle&, double x_k) { x.push_back(x_k); });
     const double most = agreement(std::move(x));
-    // Once for all three corners, where they are looked at alike.
-    const bool once = stride_ == 1 && !has_parallel_edges(graph);
-    visit_triangles(stride_, once, [&](const Triangle& t, double x_k) {
-      if (x_k > most) return;
-      agreeing_.push_back(t);
-      if (!once) return;
-      agreeing_.push_back({t.ik, t.ij, t.jk});
-      agreeing_.push_back({t.jk, t.ij, t.ik});
+    once_ = stride_ == 1 && !has_parallel_edges(graph);
+    visit_triangles(stride_, once_, [&](const Triangle& t, double x_k) {
+      if (x_k <= most) agreeing_.push_back(t);
     });
   }
 
@@ -60,10 +61,15 @@ class Neighbourhoods {
     constexpr double own_share = 1e-3;  // tells edges apart that agree with no triangle
     const MeasurementGraph& graph = *graph_;
     std::vector<double> shared(weights.size(), 0.0), all(graph.num_nodes(), 0.0);
-    for (Index k = 0; k < graph.num_nodes(); k += stride_) {
-      for (const HalfEdge& h : graph.row(k)) all[h.node] += weights[h.edge()];
+    for (std::int64_t k = 0; k < graph.num_nodes(); k += stride_) {
+      for (const HalfEdge& h : graph.row(static_cast<Index>(k))) all[h.node] += weights[h.edge()];
     }
-    for (const Triangle& t : agreeing_) shared[t.ij] += std::min(weights[t.ik], weights[t.jk]);
+    for (const Triangle& t : agreeing_) {
+      shared[t.ij] += std::min(weights[t.ik], weights[t.jk]);
+      if (!once_) continue;
+      shared[t.ik] += std::min(weights[t.ij], weights[t.jk]);
+      shared[t.jk] += std::min(weights[t.ij], weights[t.ik]);
+    }
     for (std::size_t k = 0; k < shared.size(); ++k) {
       const Edge& e = graph.edges()[k];
       const double either = all[e.i] + all[e.j] - shared[k];
@@ -84,11 +90,12 @@ class Neighbourhoods {
   /// one is looked at.
   template <typename Visit>
   void visit_triangles(Index stride, bool once, Visit&& visit) const {
-    constexpr Index nodes_between_questions = 64;
+    constexpr Index steps_between_questions = 1000000;
     const MeasurementGraph& graph = *graph_;
     std::vector<Index> to(graph.num_nodes(), -1);  // the place of the half-edge in the row of k
-    for (Index k = 0, asked = 0; k < graph.num_nodes(); k += stride) {
-      if (++asked % nodes_between_questions == 0 && !keep_going_()) return;
+    Index steps = 0;
+    for (std::int64_t next = 0; next < graph.num_nodes(); next += stride) {
+      const auto k = static_cast<Index>(next);
       const HalfEdges row = graph.row(k);
       const Index degree = row.size();
       for (Index a = 0; a < degree; ++a) to[row[a].node] = a;
@@ -96,6 +103,9 @@ class Neighbourhoods {
         const HalfEdge ik = row[a];
         const Index i = ik.node;
         if (to[i] != a || i == k || (once && i < k)) continue;
+        steps += std::min(graph.row(i).size(), steps_between_questions);
+        if (steps >= steps_between_questions && !keep_going_()) return;
+        steps %= steps_between_questions;
         for (const HalfEdge& ij : graph.row(i)) {
           const Index j = ij.node;
           if (j <= i || j == k || to[j] < 0) continue;
@@ -126,7 +136,7 @@ class Neighbourhoods {
   /// the fixed point of noise_scale(), which starts from the smallest tenth.
   static double agreement(std::vector<double> x) {
     constexpr double rounding2 = 1e-24, most2 = 0.25;
-    constexpr double tenth_of_half_normal = 0.1257, median_below_three = 0.6724;
+    using detail::median_below_three, detail::tenth_of_half_normal;
     if (x.empty()) return rounding2;
     radix_sort(x);
     double s2 = x[x.size() / 10] / (tenth_of_half_normal * tenth_of_half_normal);
@@ -142,6 +152,7 @@ class Neighbourhoods {
   const MeasurementGraph* graph_;
   std::function<bool()> keep_going_;
   Index stride_ = 1;                // of the nodes whose triangles are looked at
+  bool once_ = false;               // for all three corners, where these are looked at alike
   std::vector<Triangle> agreeing_;  // those that do
 };
 

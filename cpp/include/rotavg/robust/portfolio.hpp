@@ -34,7 +34,7 @@ inline std::vector<double> rejected_and_coherent(const std::vector<double>& x,
   key = overlap;
   std::size_t found = 0;
   for (std::size_t k = 0; k < x.size(); ++k) {
-    if (x[k] <= StorySearch::contradicted || overlap[k] < least) continue;
+    if (x[k] <= contradiction || overlap[k] < least) continue;
     key[k] *= first;
     ++found;
   }
@@ -88,8 +88,8 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   // 1.
   if (!search.has_time()) return as_it_is();
   const auto agreeing = [&] {
-    return agreeing_turns(graph, search.best().rotations, search.best().x,
-                          StorySearch::contradicted, search.tolerance());
+    return agreeing_turns(graph, search.best().rotations, search.best().x, contradiction,
+                          search.tolerance());
   };
   const bool one_story = !search.is_coarse() && agreeing().empty();
   if (one_story && search.hardly_any_contradicts()) return as_it_is();
@@ -149,7 +149,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
        ++k) {
     std::vector<Index> rejected;
     for (Index e = 0; e < graph.num_edges(); ++e) {
-      const bool contradicts = search.best().x[e] > StorySearch::contradicted;
+      const bool contradicts = search.best().x[e] > contradiction;
       if (contradicts && evidence.voices()[e] > 0.0) rejected.push_back(e);
     }
     better = search.attempt_tree("the tree of strong edges that were rejected",

@@ -16,6 +16,7 @@
 #include <rotavg/robust/loss_of_four.hpp>
 #include <rotavg/so3/lanes.hpp>
 #include <rotavg/so3/quaternion.hpp>
+#include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
@@ -28,7 +29,12 @@ inline double squared_chord(const Vector4& e) {
   return 4.0 * v2 / (v2 + e.w() * e.w());
 }
 
-/// The same of all edges (m,).
+/// That between two rotations, |A - B|_F^2 / 2.
+inline double squared_chord(const Matrix3& A, const Matrix3& B) {
+  return std::max(0.0, 3.0 - A.cwiseProduct(B).sum());
+}
+
+/// That of all edges (m,).
 inline void squared_residuals(const MeasurementGraph& graph, const Quaternions& q, int num_threads,
                               std::vector<double>& x) {
   x.resize(graph.edges().size());

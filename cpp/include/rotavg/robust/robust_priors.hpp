@@ -57,7 +57,7 @@ class RobustPriors {
   };
 
   double update(Kind& kind, const std::vector<double>& angles, bool rough) const {
-    constexpr double rough_scale = 0.01, outlier_noises = 3.0;
+    constexpr double rough_scale = 0.01;
     std::vector<double> x, judged;
     for (std::size_t k = 0; k < angles.size(); ++k) {
       const double chord = 2.0 * std::sin(0.5 * angles[k]);

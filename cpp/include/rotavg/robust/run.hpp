@@ -124,7 +124,7 @@ class RobustRun {
   /// Least squares and l1, roughly, of some of the edges alone (m,): each has one voice.
   Rotations agreed_by(const std::vector<bool>& chosen) {
     constexpr double l1_scale = 0.01, gain = 1e-3;
-    constexpr int limit = 20;
+    const int limit = ended_ == Status::not_run ? 20 : 0;
     std::vector<Index> edges;
     std::vector<double> some_precision;  // 0 where the loss does not touch an edge
     for (Index k = 0; k < graph_.num_edges(); ++k) {
@@ -149,9 +149,10 @@ class RobustRun {
     return std::move(result.rotations);
   }
 
+  /// The loss by reweighting. None is made where the work has ended.
   IterationResult reweighted(const Rotations& R, const RobustLoss& loss, double least_gain,
                              int max_iterations) {
-    IterationOptions iteration = stage(max_iterations).iteration;
+    IterationOptions iteration = stage(ended_ == Status::not_run ? max_iterations : 0).iteration;
     iteration.stop = StopRule::gradient;
     IterationResult result =
         irls(graph_, R, loss, evenly_ ? trusting_ : precision(), inner_, least_gain, iteration);
@@ -159,7 +160,9 @@ class RobustRun {
     return result;
   }
 
+  /// A bounded loss by graduated non-convexity.
   Rotations graduated(const Rotations& R, const RobustLoss& loss) {
+    if (ended_ != Status::not_run) return R;
     const IterationResult result = gnc(graph_, R, loss, precision(), inner_, remaining_limits());
     took(result);
     return result.rotations;

@@ -17,6 +17,19 @@ namespace rotavg {
 
 /// Below this the noise is not told from rounding: 0.006 degrees.
 constexpr double least_noise = 1e-4;
+/// And above this, radians, most is wrong.
+constexpr double most_noise = 0.5;
+/// Residuals beyond so many standard deviations are those of outliers.
+constexpr double outlier_noises = 3.0;
+
+namespace detail {
+
+/// Of the absolute value of a standard normal number: the tenth of its distribution, ...
+constexpr double tenth_of_half_normal = 0.1257;
+/// ... and the median of what is below outlier_noises.
+constexpr double median_below_three = 0.6724;
+
+}  // namespace detail
 
 /// What every series of edges leaves over, (size,): (sum of r)^2 / sum of 1 / precision, however
 /// the edges share it among them. Least squares share it evenly, and a loss that bends off leaves
@@ -53,7 +66,6 @@ inline std::vector<double> series_residuals(const Series& series, const std::vec
 /// @param x squared residuals of the series of the graph (series_residuals)
 /// @param num_cycles independent cycles of the graph, m - n + components
 inline double noise_scale(const std::vector<double>& x, Index num_cycles) {
-  constexpr double tenth_of_half_normal = 0.1257, median_below_three = 0.6724;
   constexpr std::size_t enough = 20000;
   const std::size_t stride = (x.size() + enough - 1) / enough;
   std::vector<double> r;
@@ -62,11 +74,11 @@ inline double noise_scale(const std::vector<double>& x, Index num_cycles) {
   }
   if (r.empty() || num_cycles <= 0) return least_noise;
   radix_sort(r);
-  double s = std::max(least_noise, r[r.size() / 10] / tenth_of_half_normal);
+  double s = std::max(least_noise, r[r.size() / 10] / detail::tenth_of_half_normal);
   for (int k = 0; k < 100; ++k) {
-    const auto below = std::upper_bound(r.begin(), r.end(), 3.0 * s) - r.begin();
+    const auto below = std::upper_bound(r.begin(), r.end(), outlier_noises * s) - r.begin();
     const double next =
-        std::max(least_noise, r[static_cast<std::size_t>(below / 2)] / median_below_three);
+        std::max(least_noise, r[static_cast<std::size_t>(below / 2)] / detail::median_below_three);
     const bool same = std::abs(next - s) <= 1e-9 * s;
     s = next;
     if (same) break;
@@ -80,7 +92,7 @@ inline double noise_scale(const std::vector<double>& x, Index num_cycles) {
 /// than drawing them all at random would make it, (theta - sin theta) / pi with r = 2 sin(theta/2).
 /// For small graphs: large ones have enough residuals that are small.
 inline double noise_among_random(std::vector<double> x) {
-  constexpr double pi = 3.141592653589793, median_below_three = 0.6724;
+  constexpr double pi = 3.141592653589793;
   if (x.empty()) return least_noise;
   std::sort(x.begin(), x.end());
   double most = 0.0;
@@ -92,7 +104,7 @@ inline double noise_among_random(std::vector<double> x) {
     if (excess > most) right = k + 1;
     most = std::max(most, excess);
   }
-  return std::max(least_noise, std::sqrt(x[right / 2]) / median_below_three);
+  return std::max(least_noise, std::sqrt(x[right / 2]) / detail::median_below_three);
 }
 
 }  // namespace rotavg

@@ -59,16 +59,19 @@ struct RobustSolution : Solution {
 
 /// Finds rotations that fit most measurements, whatever the others say, and what it thinks of each.
 ///
-/// Bridges, which no cycle checks, are left aside until step 6, and met exactly.
+/// Bridges, which no cycle checks, are left aside until step 6, and met exactly; edges that are
+/// left out, until then too.
 ///
 /// 1. Least squares, roughly, and from there the loss l1: robust and nearly convex, so that the
 ///    start matters little. Every edge has one voice so far, unless weights are frequencies.
 /// 2. The noise is estimated from its residuals (noise_scale), and
 /// 3. nodes that a few wrong edges hold in the wrong place are moved to where most of their
 ///    neighbours would have them, by find_consensus.
-/// 4. The loss, by reweighting; of a bounded one by graduated non-convexity first. If the objective
-///    was lower anywhere before (but of huber and l1), it goes on from there. The trace is that of
-///    this stage, from where the loss is at its scale: its objective never rises.
+/// 4. The loss, by reweighting; of a bounded one by graduated non-convexity first. Where it has
+///    settled roughly the noise is looked at again, and if it is less than half of what step 2 said
+///    the scale falls with it (settle). If the objective was lower anywhere before (but of huber
+///    and l1), it goes on from there. The trace is that of this stage, from where the loss is at
+///    its last scale: its objective never rises.
 /// 5. Where many strong edges contradict, the loss automatic compares what it has found with where
 ///    other starts lead (find_stories), and goes on from there if they speak for it.
 /// 6. The weights are held, and the weighted problem is solved and certified. What is proved is

@@ -24,6 +24,8 @@
 #include <rotavg/robust/portfolio.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/run.hpp>
+#include <rotavg/robust/scale.hpp>
+#include <rotavg/robust/settling.hpp>
 #include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/robust/stories.hpp>
 #include <rotavg/solve/solve.hpp>
@@ -36,15 +38,16 @@ namespace rotavg {
 
 namespace detail {
 
+constexpr double pi = 3.141592653589793;
+
 /// In words, for people, hence in degrees.
 inline std::string describe(const RobustLoss& loss, int l1_reweightings, Index moved,
                             int reweightings) {
-  constexpr double degrees = 57.29577951308232;
   std::ostringstream text;
   text.precision(2);
-  text << reweightings << " reweightings at the scale of " << loss.scale * degrees << " deg, after "
-       << l1_reweightings << " of l1 and " << moved << (moved == 1 ? " node" : " nodes")
-       << " moved by votes";
+  text << reweightings << " reweightings at the scale of " << loss.scale * 180.0 / pi
+       << " deg, after " << l1_reweightings << " of l1 and " << moved
+       << (moved == 1 ? " node" : " nodes") << " moved by votes";
   return text.str();
 }
 
@@ -68,14 +71,20 @@ inline std::string describe(const Portfolio& portfolio) {
 
 /// The alternatives on the whole graph, told by residuals at one scale.
 ///
+/// @param graph with the given weights
+/// @param left_out (m,) edges that count for nothing; empty for none
 /// @param R the answer
-inline std::vector<Alternative> told(const MeasurementGraph& graph, const CheckedPart& part,
+inline std::vector<Alternative> told(const MeasurementGraph& graph,
+                                     const std::vector<bool>& left_out, const CheckedPart& part,
                                      const Portfolio& portfolio, const Rotations& R, double noise,
                                      const std::vector<double>& precision, int num_threads) {
   const auto residuals_at = [&](const Rotations& rotations) {
     std::vector<double> x;
     squared_residuals(graph, to_quaternions(rotations), num_threads, x);
-    for (std::size_t k = 0; k < x.size(); ++k) x[k] *= precision_of(precision, k) / (noise * noise);
+    for (std::size_t k = 0; k < x.size(); ++k) {
+      x[k] *= precision_of(precision, k) / (noise * noise);
+      if (!left_out.empty() && left_out[k]) x[k] = 0.0;
+    }
     return x;
   };
   const std::vector<double> x = residuals_at(R);
@@ -109,17 +118,8 @@ inline std::vector<bool> refuted_edges(const MeasurementGraph& graph, const Solv
   return refuted;
 }
 
-}  // namespace detail
-
-ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
-                                          const SolveOptions& options, const RobustOptions& robust,
-                                          std::optional<Rotations> start) {
-  constexpr double l1_scale = 0.01, outlier_noises = 3.0;
-  constexpr double l1_gain = 1e-3, rough_gain = 1e-3, loss_gain = 1e-5, much_less = 0.5;
-  constexpr double nearly_all = 0.9;
-  constexpr int l1_limit = 60, brief_limit = 30, loss_limit = 500;
-  constexpr double pi = 3.141592653589793;
-  check(options);
+/// @throws std::invalid_argument for an option out of range, or knowledge that does not fit
+inline void check(const RobustOptions& robust, const MeasurementGraph& graph) {
   if (robust.scale != 0.0 && !is_loss_scale(robust.scale)) {
     throw std::invalid_argument("found the scale " + six_digits(robust.scale) +
                                 "; expected radians between 1e-6 and pi, or 0: from the noise");
@@ -130,6 +130,33 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   }
   if (robust.min_cycles < 1) throw std::invalid_argument("min_cycles is less than 1");
   robust.known.check(graph);
+}
+
+/// From where on a residual is that of an outlier, radians.
+struct Thresholds {
+  double told = pi;                                           ///< RobustSolution::threshold
+  double doubtful = std::numeric_limits<double>::infinity();  ///< of the verdicts
+};
+
+inline Thresholds thresholds(const RobustLoss& loss, double noise) {
+  if (loss.kind == Loss::l2) return {};  // believes everything
+  double threshold = loss.kind == Loss::tls ? loss.scale : outlier_noises * noise;
+  // Within a scale that was given, which may be far beyond the noise, most of an edge's weight is
+  // left.
+  constexpr double most = 0.5;
+  if (loss.weight(loss.scale * loss.scale) >= most) threshold = std::max(threshold, loss.scale);
+  return {threshold, threshold};
+}
+
+}  // namespace detail
+
+ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
+                                          const SolveOptions& options, const RobustOptions& robust,
+                                          std::optional<Rotations> start) {
+  constexpr double l1_scale = 0.01, l1_gain = 1e-3;
+  constexpr int l1_limit = 60, brief_limit = 30;
+  check(options);
+  detail::check(robust, graph);
   const Stopwatch watch;
   std::vector<bool> refuted, left_out = robust.known.excluded;
   if (robust.cycle_threshold > 0.0) {
@@ -146,71 +173,40 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
     weighted.set_weights(given);
   }
   const CheckedPart part(weighted, left_out);
+  const double freedom = part.series().freedom();
   RobustRun run(part.graph(), options, part.series_of_part(),
                 {part.of_edges(units.precision), part.of_edges(units.voices)}, watch);
-  RobustSolution solution;
-  const auto go_on = [&] { return run.ended() == Status::not_run; };
 
   // 1.
   run.judge_evenly(true);
   Initialization init = Initialization::automatic;
-  Rotations R = start ? part.of_nodes(checked_rotations(graph, std::move(*start)))
-                      : run.least_squares(part.of_edges(robust.known.initial_weights), init);
-  std::vector<Rotations> starts{R};
+  std::vector<Rotations> answers;
+  answers.push_back(start ? part.of_nodes(checked_rotations(graph, std::move(*start)))
+                          : run.least_squares(part.of_edges(robust.known.initial_weights), init));
   const bool knows_weights = !robust.known.initial_weights.empty();
   const IterationResult l1 =
-      run.reweighted(R, {Loss::l1, l1_scale}, l1_gain, go_on() && !knows_weights ? l1_limit : 0);
-  R = l1.rotations;
-  starts.push_back(R);
+      run.reweighted(answers.back(), {Loss::l1, l1_scale}, l1_gain, knows_weights ? 0 : l1_limit);
+  answers.push_back(l1.rotations);
 
   // 2. and 3.
-  Consensus consensus = find_consensus(run, part.graph(), std::move(R));
-  double noise = consensus.noise;
-  const Index moved = consensus.moved;
-  R = std::move(consensus.rotations);
-  starts.push_back(R);
+  const Consensus consensus = find_consensus(run, part.graph(), answers.back());
+  answers.push_back(consensus.rotations);
+  const double prepared = run.seconds();
 
   // 4.
-  RobustLoss& loss = solution.loss;
-  loss.kind = robust.loss == Loss::automatic ? Loss::cauchy : robust.loss;
-  loss.scale = robust.scale;
-  if (loss.scale == 0.0) loss.scale = default_scale(loss.kind, part.series().freedom()) * noise;
-  const double prepared = run.seconds();
-  if (go_on()) R = run.graduated(R, loss);
   const bool compares =
       robust.loss == Loss::automatic && !start && options.init == Initialization::automatic;
-  const auto settle = [&](const Rotations& from, double gain, int limit) {
-    return run.reweighted(from, loss, gain, go_on() ? limit : 0);
-  };
-  const int limit = compares ? brief_limit : loss_limit;
-  IterationResult reweighted = settle(R, rough_gain, limit);
-  // Where l1 has not come far, as on large graphs, the noise was taken for more than it is. (Where
-  // few edges are checked, the loss can meet more of them exactly, which is no sign of less noise.)
-  const bool is_checked = part.series().freedom() > nearly_all;
-  const double noise_now = is_checked ? run.noise_at(reweighted.rotations) : noise;
-  const bool rescales = robust.scale == 0.0 && noise_now < much_less * noise;
-  if (rescales) {
-    loss.scale *= noise_now / noise;
-    noise = noise_now;
-  }
-  IterationResult settled = settle(reweighted.rotations, loss_gain, limit);
-  if (rescales) {
-    reweighted = std::move(settled);  // its trace begins at this scale
-  } else {
-    append(reweighted, std::move(settled));
-  }
-  // Of losses that never stop growing as fast as r, a lower objective is the pull of the outliers.
-  const bool redescends = loss.kind != Loss::huber && loss.kind != Loss::l1;
-  for (const Rotations& other : starts) {
-    if (!redescends || !(run.objective_at(other, loss) < reweighted.objective)) continue;
-    IterationResult second = settle(other, loss_gain, loss_limit);
-    if (second.objective < reweighted.objective) reweighted = std::move(second);
-  }
+  Settling settled = settle(run, {robust.loss, robust.scale}, freedom, consensus, answers,
+                            compares ? brief_limit : detail::most_reweightings);
+  RobustLoss& loss = settled.loss;
+  double& noise = settled.noise;
+  IterationResult& reweighted = settled.result;
 
   // 5.
+  const auto go_on = [&] { return run.ended() == Status::not_run; };
   Portfolio portfolio;
   if (compares && go_on()) {
-    const double loss_noises = default_scale(loss.kind, part.series().freedom());
+    const double loss_noises = default_scale(loss.kind, freedom);
     portfolio = find_stories(run, part.graph(), loss_noises, reweighted.rotations, noise);
     if (portfolio.replaced) {
       noise = portfolio.best.noise;
@@ -218,16 +214,17 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
     }
     if (portfolio.replaced || portfolio.turned > 0 ||
         reweighted.status == Status::iteration_limit) {
-      reweighted = settle(portfolio.best.rotations, loss_gain, loss_limit);
+      reweighted = run.reweighted(portfolio.best.rotations, loss, detail::settled_gain,
+                                  detail::most_reweightings);
     }
   }
   const double reweighting_seconds = run.seconds() - prepared;
 
   // 6.
-  R = part.extended(reweighted.rotations);
+  Rotations R = part.extended(reweighted.rotations);
   std::vector<double> x, weights;
   const auto update_residuals = [&] {
-    squared_residuals(weighted, to_quaternions(R), run.num_threads(), x);
+    squared_residuals(graph, to_quaternions(R), run.num_threads(), x);
   };
   update_residuals();
   robust_weights(given, x, loss, units.precision, run.num_threads(), weights);
@@ -238,6 +235,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   weighted.set_weights(weights);
   Status early = run.ended();
   if (go_on() && reweighted.status == Status::iteration_limit) early = Status::iteration_limit;
+  RobustSolution solution;
   static_cast<Solution&>(solution) =
       solve(weighted, run.stage(go_on() ? options.iteration.max_iterations : 0), std::move(R));
   if (early != Status::not_run) solution.status = early;
@@ -246,35 +244,25 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   solution.trace = std::move(reweighted.trace);
   solution.timings.init += prepared;
   solution.timings.solve += reweighting_seconds;
-  solution.reason = detail::describe(loss, l1.iterations, moved, reweighted.iterations) +
+  solution.reason = detail::describe(loss, l1.iterations, consensus.moved, reweighted.iterations) +
                     detail::describe(portfolio) +
                     (solution.reason.empty() ? "" : "; then " + solution.reason);
 
   R = solution.rotations;
   update_residuals();
   if (!portfolio.alternatives.empty()) {
-    solution.alternatives =
-        detail::told(weighted, part, portfolio, R, noise, units.precision, run.num_threads());
+    solution.alternatives = detail::told(graph, left_out, part, portfolio, R, noise,
+                                         units.precision, run.num_threads());
   }
-  solution.moved_by_votes = moved;
+  solution.loss = loss;
+  solution.noise = noise;
+  solution.moved_by_votes = consensus.moved;
   solution.edge_weights = std::move(weights);
   solution.robust_objective = robust_objective(given, x, loss, units.precision, run.num_threads());
-  solution.noise = noise;
-  solution.threshold = outlier_noises * solution.noise;
-  if (loss.kind == Loss::tls) solution.threshold = loss.scale;
-  // Within a scale that was given, which may be far beyond the noise, most of an edge's weight is
-  // left.
-  constexpr double most = 0.5;
-  if (loss.weight(loss.scale * loss.scale) >= most) {
-    solution.threshold = std::max(solution.threshold, loss.scale);
-  }
-  double doubtful = solution.threshold;
-  if (loss.kind == Loss::l2) {  // believes everything
-    solution.threshold = pi;
-    doubtful = std::numeric_limits<double>::infinity();
-  }
-  solution.verdicts =
-      edge_verdicts(graph, part.series(), x, units.precision, doubtful, robust.known, refuted);
+  const detail::Thresholds threshold = detail::thresholds(loss, noise);
+  solution.threshold = threshold.told;
+  solution.verdicts = edge_verdicts(graph, part.series(), x, units.precision, threshold.doubtful,
+                                    robust.known, refuted);
   solution.edge_scales.reserve(x.size());
   for (std::size_t k = 0; k < x.size(); ++k) {
     solution.edge_scales.push_back(1.0 / std::sqrt(precision_of(units.precision, k)));

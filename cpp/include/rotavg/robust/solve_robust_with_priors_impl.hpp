@@ -93,20 +93,21 @@ inline void weigh_priors(GroundedGraph& weighted, const SolveOptions& options,
     solution.rotations =
         aligned_with_priors(weighted, solution.components.label, std::move(solution.rotations));
   };
+  const auto may_go_on = [&] {
+    const IterationOptions& limits = options.iteration;
+    return solution.status != Status::stopped && solution.iterations < limits.max_iterations &&
+           watch.seconds() < limits.time_limit && !stop.made() &&
+           (!limits.keep_going || limits.keep_going());
+  };
   const double before = watch.seconds();
   turn();
   for (const bool rough : {true, false}) {
-    for (int k = 0; k < turns && weigh(rough) > settled; ++k) turn();
+    for (int k = 0; k < turns && weigh(rough) > settled && may_go_on(); ++k) turn();
   }
   solution.timings.init += watch.seconds() - before;
   SolveOptions rough = options;
   rough.certify = false;
   rough.iteration.tolerance = std::max(options.iteration.tolerance, 1e-6);
-  const auto may_go_on = [&] {
-    return solution.status != Status::stopped &&
-           solution.iterations < options.iteration.max_iterations &&
-           watch.seconds() < options.iteration.time_limit;
-  };
   for (int k = 0; k < rounds && may_go_on(); ++k) {
     Solution met = meet_priors(weighted, solution, rough, watch);
     solution.rotations = std::move(met.rotations);

@@ -12,20 +12,13 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/graph/parts.hpp>
 #include <rotavg/robust/alternative.hpp>
+#include <rotavg/robust/residuals.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
 
 namespace rotavg {
-
-namespace detail {
-
-inline double squared_chord(const Matrix3& A, const Matrix3& B) {
-  return std::max(0.0, 3.0 - A.cwiseProduct(B).sum());  // |A - B|^2 / 2
-}
-
-}  // namespace detail
 
 /// A step between two answers that noise does not make: a chord, radians.
 inline double step_tolerance(double noise) {
@@ -47,7 +40,7 @@ inline std::vector<Index> shared_groups(const MeasurementGraph& graph, const Rot
   std::vector<bool> holds(graph.edges().size());
   for (std::size_t k = 0; k < holds.size(); ++k) {
     const Edge& e = graph.edges()[k];
-    holds[k] = detail::squared_chord(turn[e.i], turn[e.j]) <= most;
+    holds[k] = squared_chord(turn[e.i], turn[e.j]) <= most;
   }
   std::vector<Index> group = parts_joined_by(graph, holds);
   const Components components = connected_components(graph);
@@ -63,7 +56,7 @@ inline std::vector<Index> shared_groups(const MeasurementGraph& graph, const Rot
   for (const Index g : order) {
     Index& of_component = reference[components.label[first[g]]];
     if (of_component < 0) of_component = g;
-    const bool same = detail::squared_chord(turn[first[g]], turn[first[of_component]]) <= most;
+    const bool same = squared_chord(turn[first[g]], turn[first[of_component]]) <= most;
     rank[g] = same ? 0 : labels++;
   }
   for (Index& g : group) g = rank[g];
@@ -90,8 +83,8 @@ inline void adopt_gauge(const MeasurementGraph& graph, const std::vector<Index>&
 inline Alternative alternative_story(const MeasurementGraph& graph, const Rotations& R,
                                      const std::vector<double>& x, Rotations S,
                                      const std::vector<double>& other_x, std::vector<Index> group) {
-  constexpr double most = 16.0;
-  constexpr std::size_t most_missing = 16, most_bundles = 8;
+  constexpr double most = contradiction;
+  constexpr std::size_t most_missing = 16, most_bundles = 8, most_looked_at = 400;
   Alternative story;
   adopt_gauge(graph, group, R, S);
   std::map<std::pair<Index, Index>, Bundle> bundles;
@@ -118,9 +111,10 @@ inline Alternative alternative_story(const MeasurementGraph& graph, const Rotati
 
   // Of an edge i j that only the other explains: which neighbours of i do not match j?
   std::vector<bool> near(graph.num_nodes(), false);
-  for (const Index k : only_other) {
+  const std::size_t stride = 1 + only_other.size() / most_looked_at;
+  for (std::size_t k = 0; k < only_other.size(); k += stride) {
     if (story.missing.size() == most_missing) break;
-    const Edge& e = graph.edges()[k];
+    const Edge& e = graph.edges()[only_other[k]];
     for (const HalfEdge& h : graph.row(e.j)) near[h.node] = true;
     for (const HalfEdge& h : graph.row(e.i)) {
       if (near[h.node] || h.node == e.j || group[h.node] != group[e.i]) continue;

@@ -11,6 +11,7 @@
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/part_votes.hpp>
 #include <rotavg/robust/run.hpp>
+#include <rotavg/robust/scale.hpp>
 #include <rotavg/robust/votes.hpp>
 #include <rotavg/types.hpp>
 
@@ -31,23 +32,24 @@ struct Story {
 /// @param noise to begin with, radians
 /// @param voices (m,) of the edges where nodes vote
 /// @param loss_noises the scale of the loss in units of the noise
-/// @param is_known asked on the way: what is told from here on is known
-/// @returns nothing if it is
-template <typename IsKnown>
+/// @param is_met asked of the rotations on the way: whether they have come to an answer that is
+///        known, from where on nothing new is to be learnt
+/// @returns nothing if they have
+template <typename IsMet>
 std::optional<Story> polished(RobustRun& run, const MeasurementGraph& graph,
                               const std::vector<double>& voices, double loss_noises, double noise,
-                              std::string start, Rotations R, const IsKnown& is_known) {
-  constexpr double most_noise = 0.5, outlier_noises = 3.0, wide_noises = 3.0;
+                              std::string start, Rotations R, const IsMet& is_met) {
+  constexpr double wide_noises = 3.0;
   constexpr double brief_gain = 1e-3, gain = 1e-4;
   constexpr int brief_limit = 8, limit = 20, most_rounds = 3;
   const auto noise_now = [&] { return std::min(most_noise, run.noise_at(R)); };
   R = run.reweighted(R, {Loss::cauchy, wide_noises * noise}, brief_gain, brief_limit).rotations;
-  if (is_known(R)) return {};
+  if (is_met(R)) return {};
   noise = noise_now();
   take_votes(graph, voices, run.precision(), {Loss::geman_mcclure, outlier_noises * noise}, R,
              run.keep_going());
   R = run.reweighted(R, {Loss::cauchy, wide_noises * noise}, brief_gain, brief_limit).rotations;
-  if (is_known(R)) return {};
+  if (is_met(R)) return {};
   noise = noise_now();
   R = run.reweighted(R, {Loss::cauchy, loss_noises * noise}, gain, limit).rotations;
   for (int k = 0; k < most_rounds; ++k) {

@@ -12,6 +12,7 @@
 #include <rotavg/robust/likely_turns.hpp>
 #include <rotavg/robust/part_votes.hpp>
 #include <rotavg/robust/run.hpp>
+#include <rotavg/robust/scale.hpp>
 #include <rotavg/robust/stories.hpp>
 #include <rotavg/robust/story.hpp>
 #include <rotavg/solve/status.hpp>
@@ -40,9 +41,6 @@ struct Portfolio {
 /// prefers.
 class StorySearch {
  public:
-  /// Squared residuals in units of the noise from which on an edge contradicts.
-  static constexpr double contradicted = 16.0;
-
   /// @param run that judges residuals in their own units
   /// @param loss_noises the scale of the loss in units of the noise
   /// @param R, noise the first story
@@ -100,18 +98,18 @@ class StorySearch {
   /// Polishes a start, and tells whether it has become the best. After compare_by().
   /// @param ballots (m,) voices of the edges where nodes vote
   bool attempt(const char* start, Rotations from, const std::vector<double>& ballots) {
-    return attempt(start, std::move(from), ballots, false, true);
+    return attempt(start, std::move(from), ballots, Start::met_by_many, Role::any);
   }
   /// The same along the spanning tree with the largest keys (m,).
   bool attempt_tree(const char* start, const std::vector<double>& key,
                     const std::vector<double>& ballots) {
-    return attempt_tree(start, key, ballots, true);
+    return attempt_tree(start, key, ballots, Role::any);
   }
   /// The same, but it can only be one more answer: no evidence speaks for its edges but that of
   /// themselves.
   void add_tree(const char* start, const std::vector<double>& key,
                 const std::vector<double>& ballots) {
-    attempt_tree(start, key, ballots, false);
+    attempt_tree(start, key, ballots, Role::alternative);
   }
 
   /// Of parts that a single edge holds the best answer takes the likely place.
@@ -159,17 +157,20 @@ class StorySearch {
   }
 
  private:
-  static constexpr double outlier_noises = 3.0, few_cameras = 0.02;
+  static constexpr double few_cameras = 0.02;
 
-  bool attempt(const char* start, Rotations from, const std::vector<double>& ballots, bool is_tree,
-               bool may_be_best) {
+  enum class Start { met_by_many, tree };  ///< edges: those of a tree are met exactly
+  enum class Role { any, alternative };    ///< what an answer can be: the best, too, or not
+
+  bool attempt(const char* start, Rotations from, const std::vector<double>& ballots, Start kind,
+               Role role) {
     ++tried_;
     const auto comes_to_best = [&](const Rotations& at) {
       return !is_coarse() && !differ(at, best().rotations);
     };
     std::optional<Story> found;
     if (!comes_to_best(from)) {
-      const double noise = noise_to_begin_with(from, is_tree);
+      const double noise = noise_to_begin_with(from, kind);
       found = polished(run_, graph_, ballots, loss_noises_, noise, start, std::move(from),
                        comes_to_best);
     }
@@ -187,7 +188,7 @@ class StorySearch {
     const bool agrees = !differ(story, best());
     agreeing_ += agrees;
     // Against the first it has to be clear; others are compared among each other on equal terms.
-    const bool better = may_be_best && closes_cycles(story.x, graph_.num_nodes()) &&
+    const bool better = role == Role::any && closes_cycles(story.x, graph_.num_nodes()) &&
                         compare(story, stories_[0]).clear() &&
                         (best_ == 0 || compare(story, best()).lead() > 0.0);
     if (!better && is_known(story)) return false;
@@ -200,14 +201,16 @@ class StorySearch {
     return better;
   }
   bool attempt_tree(const char* start, const std::vector<double>& key,
-                    const std::vector<double>& ballots, bool may_be_best) {
-    return attempt(start, along_spanning_tree(graph_, key), ballots, true, may_be_best);
+                    const std::vector<double>& ballots, Role role) {
+    return attempt(start, along_spanning_tree(graph_, key, run_.keep_going()), ballots, Start::tree,
+                   role);
   }
-  double noise_to_begin_with(const Rotations& from, bool is_tree) {
-    constexpr double most_noise = 0.5, noises = 3.0;
+  double noise_to_begin_with(const Rotations& from, Start kind) {
+    constexpr double noises = 3.0;
     double noise = run_.noise_at(from);
     // Where edges are of very different precision, paths leave over more than noise off the tree.
-    if (is_tree) noise = std::max(noise, std::min(run_.noise_off_tree_at(from), noises * noise_));
+    if (kind == Start::tree)
+      noise = std::max(noise, std::min(run_.noise_off_tree_at(from), noises * noise_));
     return std::min(most_noise, noise);
   }
 
@@ -250,7 +253,7 @@ class StorySearch {
   double weight_against(const std::vector<double>& weight) const {
     double against = 0.0;
     for (std::size_t k = 0; k < weight.size(); ++k) {
-      if (best().x[k] > contradicted) against += weight[k];
+      if (best().x[k] > contradiction) against += weight[k];
     }
     return against;
   }

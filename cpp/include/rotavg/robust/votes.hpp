@@ -28,20 +28,25 @@ namespace rotavg {
 ///        it agrees with is left alone, since no other rotation can do better
 /// @param q world_from_i, changed in place, node after node
 /// @param open (n,) which nodes are looked at: in the end, those with a neighbour that has moved
+/// @param keep_going asked every few milliseconds; false stops
 /// @returns how many nodes moved
 inline Index vote_sweep(const MeasurementGraph& graph, const std::vector<double>& weights,
                         const std::vector<double>& precision, const RobustLoss& loss,
-                        Quaternions& q, std::vector<bool>& open) {
-  constexpr Index max_candidates = 48;
+                        Quaternions& q, std::vector<bool>& open,
+                        const std::function<bool()>& keep_going = {}) {
+  constexpr Index max_candidates = 48, estimates_between_questions = 20000;
   constexpr double clearly = 0.999;
   std::vector<Vector4> estimates;
   std::vector<double> w, p;
-  Index moved = 0;
+  Index moved = 0, looked_at = 0;
   for (Index l = 0; l < graph.num_nodes(); ++l) {
     const auto row = graph.row(l);
     const Index degree = row.size();
     if (degree < 3 || !open[l]) continue;
     open[l] = false;
+    looked_at += std::min(degree, estimates_between_questions);
+    if (looked_at >= estimates_between_questions && keep_going && !keep_going()) break;
+    looked_at %= estimates_between_questions;
     estimates.clear();
     w.clear();
     p.clear();
@@ -82,7 +87,7 @@ inline Index vote_sweep(const MeasurementGraph& graph, const std::vector<double>
 }
 
 /// Some sweeps of votes, while nodes move.
-/// @param keep_going asked before every sweep; false stops
+/// @param keep_going asked every few milliseconds; false stops
 /// @returns how many moved, each as often as it did
 inline Index take_votes(const MeasurementGraph& graph, const std::vector<double>& weights,
                         const std::vector<double>& precision, const RobustLoss& loss, Rotations& R,
@@ -92,7 +97,7 @@ inline Index take_votes(const MeasurementGraph& graph, const std::vector<double>
   std::vector<bool> open(q.size(), true);
   Index moved = 0;
   for (int k = 0; k < max_sweeps && (!keep_going || keep_going()); ++k) {
-    const Index now = vote_sweep(graph, weights, precision, loss, q, open);
+    const Index now = vote_sweep(graph, weights, precision, loss, q, open, keep_going);
     moved += now;
     if (now == 0) break;
   }

@@ -26,17 +26,19 @@
 namespace rotavg {
 
 /// The iteration of Newton's method, R_i <- exp(w_i) R_i, from the residuals at q: conjugate
-/// gradients in a metric that has been factorised, and a line search that lets the objective fall
-/// at every step (Armijo). The measurements may have one weight each or full covariances:
+/// gradients in a metric, and a line search that lets the objective fall at every step (Armijo).
+/// The measurements may have one weight each or full covariances:
 ///
 ///     Residuals   objective(), objective_rounding(), gradient(i), gradient_norm(), update(q)
 ///     functions   apply_hessian(residuals, p, Hp), bcd_sweep(graph, q, monitor)
 ///     Metric      apply(r, z)
 ///
 /// @param R the initial value, which a node keeps that does not move
+/// @param max_cg_steps of conjugate gradients: in a metric in which f is nearly round few do
 template <typename Graph, typename Residuals, typename Metric>
 IterationResult newton_iteration(const Graph& graph, const Rotations& R, Quaternions q,
-                                 Residuals& residuals, Metric& metric, Monitor monitor) {
+                                 Residuals& residuals, Metric& metric, Monitor monitor,
+                                 int max_cg_steps = 50) {
   constexpr int max_halvings = 40;
   constexpr double sufficient = 1e-4;
   const int num_threads = monitor.num_threads();
@@ -51,7 +53,7 @@ IterationResult newton_iteration(const Graph& graph, const Rotations& R, Quatern
     });
     const double forcing = std::min(0.1, std::sqrt(monitor.relative_gradient()));
     const NodeVectors& w = newton_direction(
-        g, forcing, Metric::most_steps, num_threads,
+        g, forcing, max_cg_steps, num_threads,
         [&](const NodeVectors& p, NodeVectors& Hp) { apply_hessian(residuals, p, Hp); },
         [&](const NodeVectors& r, NodeVectors& z) { metric.apply(r, z); },
         [&] { return monitor.keep_going(); });

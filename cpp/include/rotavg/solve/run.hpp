@@ -96,7 +96,7 @@ class SolveRun {
 
   /// No linear system of a start, nor of the staircase, takes more operations to factorise.
   double max_start_flops() const {
-    constexpr double limit = 3e11;  // a minute
+    constexpr double limit = 3e11;  // half a minute
     return std::min(limit, options_.certificate.max_factorization_flops);
   }
 
@@ -110,7 +110,7 @@ class SolveRun {
       case Initialization::spanning_tree:
         return spanning_tree_init(graph_, keep_going_);
       case Initialization::maximum_spanning_tree:
-        return maximum_spanning_tree_init(graph_);
+        return maximum_spanning_tree_init(graph_, keep_going_);
       case Initialization::random:
         return random_init(graph_, options_.seed);
       case Initialization::chordal:

@@ -1,0 +1,80 @@
+#pragma once
+
+#include <utility>
+#include <vector>
+
+#include <rotavg/robust/consensus.hpp>
+#include <rotavg/robust/default_scale.hpp>
+#include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/run.hpp>
+#include <rotavg/solve/automatic.hpp>
+#include <rotavg/types.hpp>
+
+namespace rotavg {
+
+/// Where a loss has settled, at the scale that goes with the noise.
+struct Settling {
+  RobustLoss loss;
+  double noise = 0.0;      ///< radians
+  IterationResult result;  ///< its trace begins where the loss is at this scale
+};
+
+namespace detail {
+
+/// An iteration that lowers the objective by a smaller part is the last.
+constexpr double settled_gain = 1e-5;
+constexpr int most_reweightings = 500;
+
+}  // namespace detail
+
+/// The loss by reweighting, of a bounded one by graduated non-convexity first, at a scale that was
+/// given or that goes with the noise.
+///
+/// Where l1 has not come far, as on large graphs, the noise was taken for more than it is. So it is
+/// looked at again where the loss has settled roughly, and the scale falls with it if it is less
+/// than half. (Only where nearly every series of edges is checked: others can be met exactly, which
+/// is no sign of less noise.)
+///
+/// If the objective was lower at an earlier answer, it goes on from there; but not of huber and l1,
+/// which never stop growing as fast as r: there a lower objective is the pull of the outliers.
+///
+/// @param asked its scale is zero where it goes with the noise
+/// @param freedom Series::freedom
+/// @param earlier answers
+/// @param limit of the reweightings, before and after the noise is looked at again
+inline Settling settle(RobustRun& run, const RobustLoss& asked, double freedom,
+                       const Consensus& consensus, const std::vector<Rotations>& earlier,
+                       int limit) {
+  constexpr double rough_gain = 1e-3, much_less = 0.5, nearly_all = 0.9;
+  Settling settled;
+  RobustLoss& loss = settled.loss;
+  double& noise = settled.noise;
+  IterationResult& result = settled.result;
+  noise = consensus.noise;
+  loss.kind = asked.kind == Loss::automatic ? Loss::cauchy : asked.kind;
+  loss.scale = asked.scale == 0.0 ? default_scale(loss.kind, freedom) * noise : asked.scale;
+  const Rotations R = run.graduated(consensus.rotations, loss);
+  result = run.reweighted(R, loss, rough_gain, limit);
+  const double noise_now = freedom > nearly_all ? run.noise_at(result.rotations) : noise;
+  const bool rescales = asked.scale == 0.0 && noise_now < much_less * noise;
+  if (rescales) {
+    loss.scale *= noise_now / noise;
+    noise = noise_now;
+  }
+  IterationResult rest = run.reweighted(result.rotations, loss, detail::settled_gain, limit);
+  if (rescales) {
+    result = std::move(rest);
+  } else {
+    append(result, std::move(rest));
+  }
+  const bool redescends = loss.kind != Loss::huber && loss.kind != Loss::l1;
+  for (const Rotations& other : earlier) {
+    if (!redescends || !(run.objective_at(other, loss) < result.objective)) continue;
+    IterationResult second =
+        run.reweighted(other, loss, detail::settled_gain, detail::most_reweightings);
+    if (second.objective < result.objective) result = std::move(second);
+  }
+  return settled;
+}
+
+}  // namespace rotavg
