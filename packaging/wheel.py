@@ -28,7 +28,7 @@ VENDORED = {
     "libamd": "SuiteSparse-AMD.txt",
     "libsuitesparseconfig": "SuiteSparse-AMD.txt",
 }
-ALWAYS = ("Eigen.txt", "LICENSE", "third_party.md")
+ALWAYS = ("Eigen.txt", "LICENSE", "pybind11.txt", "third_party.md")
 
 
 def run(*command: str | Path, env: dict[str, str] | None = None) -> str:

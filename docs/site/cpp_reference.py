@@ -3,8 +3,9 @@
     .. cpp-headers:: solve
 
 stands for all headers of the folder rotavg/solve, each with every public name that it declares in
-the namespace rotavg, or rotavg::io. So a new header, or a new name in one, is in the reference
-without further doing; what is in the namespace `detail` is not.
+the namespace rotavg, or rotavg::io: first those that docs/stability.md promises to keep, then the
+building blocks. So a new header, or a new name in one, is in the reference without further doing;
+what is in the namespace `detail` is not.
 """
 
 from __future__ import annotations
@@ -22,6 +23,14 @@ from sphinx.util.docutils import SphinxDirective
 ROOT = Path(__file__).resolve().parents[2]
 XML = ROOT / "build" / "docs" / "doxygen" / "xml"
 KINDS = ("enum", "typedef", "variable", "function")
+KEPT = ROOT / "tests" / "python" / "public_api_cpp.txt"  # docs/stability.md
+BUILDING_BLOCKS = """\
+.. admonition:: Building blocks
+
+   What follows is made for the headers above: documented, but free to change in a minor version
+   (:doc:`/docs/stability`).
+
+"""
 
 
 def run_doxygen(app: Sphinx | None = None, output: Path | None = None) -> None:
@@ -274,10 +283,18 @@ class CppHeaders(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """The sections."""
+        kept = set(re.findall(r"^#include <(.*)>", KEPT.read_text("utf-8"), re.MULTILINE))
+        self.env.note_dependency(str(KEPT))
         lines: list[str] = []
+        blocks: list[str] = []
         for file in headers("".join(self.arguments)):
-            lines += header(file)
-            self.env.note_dependency(str(ROOT / "cpp" / "include" / location(file)))
+            path = location(file)
+            promised = path in kept or path.startswith("rotavg/io/") or "/" not in path[7:]
+            (lines if promised else blocks).extend(header(file))
+            self.env.note_dependency(str(ROOT / "cpp" / "include" / path))
+        if lines and blocks:
+            lines += BUILDING_BLOCKS.splitlines()
+        lines += blocks
         return self.parse_text_to_nodes("\n".join(lines), allow_section_headings=True)
 
 

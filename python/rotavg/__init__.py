@@ -22,8 +22,8 @@ radians, quaternions xyzw.
     plot, report        pictures and pages (extras)
     images, colmap      from photographs, and on to a scene (extras)
 
-Everything that is raised on purpose is a rotavg.Error. The pages of the documentation are made by
-`./dev docs`.
+Everything that is raised on purpose is a rotavg.Error. `help` of a name says more; pages about all
+of it are in the folder docs of the sources, with a tutorial to begin with.
 """
 
 import importlib

@@ -1,19 +1,25 @@
 """The C++ core, in the fastest build that this processor runs.
 
 The builds differ in their instructions, so that results can differ in the last bits from one kind
-of processor to another (never from one number of threads to another). ROTAVG_CORE=baseline asks for
-the build that runs anywhere, which a wheel holds as well (./dev builds what this processor runs).
+of processor to another (never from one number of threads to another). The environment variable
+ROTAVG_CORE asks for one of them: "baseline", which runs anywhere and which wheels hold as well, or
+"avx2".
 """
 
 import os
 from typing import Any
 
-_HOW = "build it anew: pip install . in the sources (in a clone ./dev setup)"
+_HOW = "install it anew: the wheel, or in the sources pip install . (in a clone ./dev setup)"
+_wanted = os.environ.get("ROTAVG_CORE", "")
 
+if _wanted not in ("", "baseline", "avx2"):
+    raise ImportError(f"found ROTAVG_CORE={_wanted}, expected baseline, avx2, or none at all")
 try:
     from rotavg._processor import runs_avx2_core
 
-    if runs_avx2_core() and os.environ.get("ROTAVG_CORE") != "baseline":
+    if _wanted == "avx2" and not runs_avx2_core():
+        raise ImportError("ROTAVG_CORE=avx2, which this processor does not run", name=__name__)
+    if runs_avx2_core() and _wanted != "baseline":
         from rotavg._core_avx2 import *  # noqa: F403
         from rotavg._core_avx2 import __version__ as __version__
     else:

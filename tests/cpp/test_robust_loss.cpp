@@ -190,7 +190,38 @@ TEST_CASE("the noise is found among many outliers, and nothing is found where th
       CHECK(noise_scale(x, 5000) == doctest::Approx(2.0 * noise_scale(x, 20000)));
     }
   }
+  // A list whose period the sampling could fall in with.
+  std::vector<double> x;
+  for (int k = 0; k < 42000; ++k) {
+    x.push_back(std::pow((k % 2 == 0 ? 0.01 : 0.04) * random.normal(), 2));
+  }
+  std::vector<double> shuffled(x);
+  for (std::size_t k = shuffled.size(); k > 1; --k) {
+    std::swap(shuffled[k - 1],
+              shuffled[static_cast<std::size_t>(random.below(static_cast<Index>(k)))]);
+  }
+  CHECK(noise_scale(x, 42000) == doctest::Approx(noise_scale(shuffled, 42000)).epsilon(0.05));
   CHECK(noise_scale({}, 0) == least_noise);
   CHECK(noise_scale({0.0, 0.0, 1e-30}, 3) == least_noise);
   CHECK(noise_scale({0.1, 0.2}, 0) == least_noise);
+}
+
+TEST_CASE("what a spanning tree meets exactly is no sign of little noise, and exact data are") {
+  Random random;
+  INFO(random.replay());
+  constexpr Index tree = 1000, cycles = 1700;
+  for (const double outliers : {0.0, 0.4}) {
+    CAPTURE(outliers);
+    std::vector<double> met(tree, 0.0), exact(tree, 0.0);
+    for (Index k = 0; k < cycles; ++k) {
+      const bool outlier = random.uniform(0.0, 1.0) < outliers;
+      const double wrong = std::pow(random.uniform(0.0, 2.0), 2);
+      met.push_back(outlier ? wrong : std::pow(0.03 * random.normal(), 2));
+      exact.push_back(outlier ? wrong : 0.0);
+    }
+    CHECK(noise_scale(met, cycles) < 1e-3);  // the tree's
+    CHECK(noise_beside_tree(met, cycles) == doctest::Approx(0.03).epsilon(0.2));
+    CHECK(noise_beside_tree(exact, cycles) < 2e-4);
+  }
+  CHECK(noise_beside_tree({0.0, 0.0}, 0) == least_noise);
 }

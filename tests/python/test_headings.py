@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import rotavg
 from rotavg.cli.main import commands
@@ -147,3 +148,47 @@ def test_the_command(tmp_path: Path) -> None:
     result = CliRunner().invoke(commands, ["solve", str(path), "--headings"])
     assert result.exit_code == 2
     assert "--headings is for --gravity" in result.output
+
+
+def test_an_edge_that_gravity_refutes_is_an_outlier_whatever_its_heading() -> None:
+    rng = np.random.default_rng(5)
+    turns = np.zeros((30, 3))
+    turns[:, 1] = rng.uniform(-3, 3, 30)
+    truth = Rotation.from_rotvec(turns).as_matrix()
+    edges = np.array([(i, j) for i in range(30) for j in range(i + 1, 30) if rng.random() < 0.4])
+    i, j = edges.T
+    noise = Rotation.from_rotvec(0.01 * rng.normal(size=(len(edges), 3))).as_matrix()
+    measured = np.swapaxes(truth[i], 1, 2) @ truth[j] @ noise
+    wrong = rng.random(len(edges)) < 0.2
+    measured[wrong] = Rotation.random(int(wrong.sum()), random_state=7).as_matrix()
+    tipped = int(np.flatnonzero(~wrong)[0])
+    measured[tipped] = measured[tipped] @ Rotation.from_rotvec([2.0, 0, 0]).as_matrix()
+    wrong[tipped] = True
+    graph = rotavg.MeasurementGraph(edges, measured)
+    priors = rotavg.Priors(gravity={k: ([0, 1, 0], 1.0) for k in range(30)})
+    for loss in ("auto", "huber", "l1", "tls"):
+        solution = rotavg.solve_headings(graph, priors, loss=loss)
+        assert not (wrong & ~solution.is_outlier).any()
+        assert (~wrong & solution.is_outlier).mean() < 0.06
+        assert solution.objective < 0.2
+        assert rotavg.compare(solution, truth).median < 0.01
+
+
+def test_what_rigs_join_is_one_component() -> None:
+    turns = np.zeros((6, 3))
+    turns[:, 1] = np.linspace(-2, 2, 6)
+    frames = Rotation.from_rotvec(turns).as_matrix()
+    sensors = [np.eye(3), Rotation.from_rotvec([0, 1.0, 0]).as_matrix()]
+    world = [frames[f] @ sensors[s] for s in range(2) for f in range(6)]
+    edges = [(6 * s + f, 6 * s + g) for s in range(2) for f in range(6) for g in range(f + 1, 6)]
+    graph = rotavg.MeasurementGraph(edges, np.array([world[a].T @ world[b] for a, b in edges]))
+    priors = rotavg.Priors(
+        gravity={f: ([0, 1, 0], 1.0) for f in range(6)},
+        rigs={6 * s + f: (f, sensors[s]) for s in range(2) for f in range(6)},
+    )
+    solution = rotavg.solve_headings(graph, priors, loss="auto")
+    assert solution.num_components == 1
+    assert solution.robust is not None
+    assert solution.robust.num_parts == 1
+    assert solution.hanging_groups == []
+    assert "gauge of its own" not in str(solution)

@@ -22,7 +22,7 @@ def test_the_python_programs_run_in_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    rotavg.write("torus3D.g2o", rotavg.simulate("grid", 64, noise=0.1, seed=1).graph)
+    rotavg.write("sphere.g2o", rotavg.simulate("sphere", 64, noise=0.1, seed=1).graph)
     first, *others = python_blocks()
     names: dict[str, object] = {}
     exec(first, names)

@@ -112,3 +112,54 @@ def test_the_maximum_spanning_tree_starts_along_the_heaviest_edges() -> None:
     graph, truth = folded_ring()
     start = rotavg.solve(graph, init="maximum_spanning_tree", max_iterations=0, certify=False)
     assert np.degrees(rotavg.compare(start.rotations, truth).angles.max()) < 5
+
+
+def doubtful() -> tuple[rotavg.MeasurementGraph, np.ndarray]:
+    """Two groups of twenty, of which as many edges say one thing as say another."""
+    rng = np.random.default_rng(0)
+    truth = matrices_from_rotvecs(rng.normal(size=(40, 3)))
+    within = [(i, j) for i in range(40) for j in range(i + 1, 40) if i // 20 == j // 20]
+    within = [pair for pair in within if rng.random() < 0.6]
+    across = [(k, 20 + (7 * k) % 20) for k in range(16)]
+    noise = matrices_from_rotvecs(0.01 * rng.normal(size=(len(within) + 16, 3)))
+    turns = np.broadcast_to(np.eye(3), noise.shape).copy()
+    turns[len(within) :: 2] = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    i, j = np.array(within + across).T
+    measured = np.swapaxes(truth[i], 1, 2) @ turns @ truth[j] @ noise
+    return rotavg.MeasurementGraph(np.stack([i, j], axis=1), measured), truth
+
+
+def test_alternatives_are_told_in_the_gauge_of_the_answer() -> None:
+    graph, truth = doubtful()
+    two = rotavg.MeasurementGraph(
+        np.r_[graph.edges, graph.edges + 40], np.r_[graph.rotations, graph.rotations]
+    )
+    fixed = rotavg.Priors(fixed={0: truth[0], 40: np.diag([1.0, -1.0, -1.0])})
+    gravity = rotavg.Priors(
+        gravity={k: (truth[k % 40].T @ [0.0, 0.0, 1.0], 1.0) for k in range(0, 80, 3)},
+        down=(0.0, 0.0, 1.0),
+    )
+    for solution in (
+        rotavg.solve(graph, loss="auto", gauge="mean"),
+        rotavg.solve(two, loss="auto"),
+        rotavg.solve(two, loss="auto", priors=fixed),
+        rotavg.solve(two, loss="auto", priors=gravity),
+    ):
+        assert solution.robust is not None
+        assert solution.robust.alternatives
+        for story in solution.robust.alternatives:
+            shared = story.group == 0
+            apart = np.swapaxes(story.rotations, 1, 2)[shared] @ solution.rotations[shared]
+            cosine = (np.trace(apart, axis1=1, axis2=2) - 1) / 2
+            assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 10
+
+
+def test_bundles_tell_the_given_weights() -> None:
+    graph, _ = doubtful()
+    robust = rotavg.solve(graph, loss="auto").robust
+    assert robust is not None
+    assert robust.alternatives
+    for story in robust.alternatives:
+        for bundle in story.bundles:
+            assert bundle.weight == bundle.edges
+            assert bundle.alternative_weight == bundle.alternative_edges

@@ -85,6 +85,7 @@ def solve_in_parts(
         **{name: settings[name] for name in ("tolerance", "time_limit", "loss", "seed")},
         "certificate_tolerance": settings["certificate_tolerance"],
     }
+    require("distributed", "distributed")
     if output is not None:
         make_folder(output)  # before the work
     source: Any = input_path if input_path.is_dir() else rotavg.read(input_path)

@@ -62,10 +62,12 @@ def _measures(graph: rotavg.MeasurementGraph, hardness: rotavg.Hardness) -> dict
     covariances: dict[str, Any] = {}
     if graph.covariances is not None:
         values = np.linalg.eigvalsh(graph.covariances)
-        covariances["covariances"] = {
-            "rms_median_deg": float(np.median(np.degrees(np.sqrt(values.sum(axis=1))))),
-            "axes_ratio_median": float(np.median(np.sqrt(values[:, 2] / values[:, 0]))),
-        }
+        # All alike, in all directions, they say no more than a weight that is everywhere 1.
+        if np.ptp(values) > 1e-9 * values.max():
+            covariances["covariances"] = {
+                "rms_median_deg": float(np.median(np.degrees(np.sqrt(values.sum(axis=1))))),
+                "axes_ratio_median": float(np.median(np.sqrt(values[:, 2] / values[:, 0]))),
+            }
     return {
         "nodes": graph.num_nodes,
         "edges": graph.num_edges,

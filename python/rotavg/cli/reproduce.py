@@ -12,6 +12,7 @@ from typing import Any, Callable
 import click
 from rich.console import Console
 
+from rotavg.base.errors import require
 from rotavg.cli import options
 from rotavg.cli.options import number
 from rotavg.cli.output import print_json, print_text
@@ -72,7 +73,8 @@ def reproduce(names: tuple[str, ...], folder: Path, as_json: bool, **settings: A
     """Reproduce tables and figures of the paper (Dong, Xie and Shi 2021).
 
     WHAT is one or several of those below, or all. Each leaves a Markdown file, a JSON file and, if
-    it is a figure, a PNG and a PDF in FOLDER. Table 1 takes some minutes, a figure some seconds.
+    it is a figure (which needs the extra [plot]), a PNG and a PDF in FOLDER. Table 1 takes some
+    minutes, a figure some seconds.
 
     \b
     Examples:
@@ -109,7 +111,10 @@ def _chosen(names: tuple[str, ...], photographs: bool) -> list[str]:
         raise click.UsageError(f"{missing[0]} starts from photographs: pass --photographs FOLDER")
     if missing:
         click.echo(f"left out: {', '.join(missing)}, which need --photographs FOLDER", err=True)
-    return [name for name in chosen if name not in missing]
+    chosen = [name for name in chosen if name not in missing]
+    if any(EXPERIMENTS[name].draws for name in chosen):
+        require("matplotlib", "plot")  # not after minutes of work
+    return chosen
 
 
 @contextmanager

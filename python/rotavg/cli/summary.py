@@ -31,7 +31,7 @@ def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:
         "unchecked": int(solution.is_unchecked.sum()),
         "hanging": [len(group) for group in solution.hanging_groups],
         "parts": r.num_parts,
-        "weak_parts": r.num_parts - solution.num_components,
+        "weak_parts": r.num_parts - solution.num_parts_given,
         "alternatives": [alternative.summary() for alternative in r.alternatives],
         "prior_outliers": {
             kind: fit.nodes[fit.is_outlier].tolist()

@@ -118,6 +118,14 @@ def given_quaternions(
     return Quaternions(xyzw)
 
 
+def quaternions_of(rotations: object) -> NDArray[np.float64]:
+    """(m, 4) xyzw of a `scipy.spatial.transform.Rotation`; GraphError for anything else."""
+    if not hasattr(rotations, "as_quat"):
+        found = f"found a {type(rotations).__name__}"
+        raise GraphError(f"{found}, expected a scipy.spatial.transform.Rotation of m rotations")
+    return np.asarray(rotations.as_quat(), dtype=np.float64)
+
+
 def given_rotvecs(
     edges: IdArray, rotvecs: ArrayLike, *, degrees: bool
 ) -> tuple[Quaternions, tuple[str, ...]]:

@@ -43,7 +43,7 @@ def of_information(
     """
     known = np.where(used[:, None, None], omega, np.eye(3))
     with np.errstate(all="ignore"):
-        covariances = symmetric(np.linalg.inv(known))
+        covariances = _inverses(known)
     bad = first_bad_covariance(covariances)
     return (covariances, None) if bad is None else (None, bad[0])
 

@@ -18,6 +18,7 @@ from rotavg.graph.contents import (
     contents_of,
     given_quaternions,
     given_rotvecs,
+    quaternions_of,
 )
 from rotavg.graph.conventions import Convention, QuaternionOrder
 from rotavg.graph.ids import IdArray, as_edges
@@ -226,11 +227,12 @@ class MeasurementGraph:
     ) -> MeasurementGraph:
         """Graph from a `scipy.spatial.transform.Rotation` of m relative rotations.
 
-        (The constructor understands these, too.) Everything else is as in the constructor.
+        (The constructor understands these, too.) Everything else is as in the constructor, and so
+        are the errors.
         """
         return cls.from_quaternions(
             edges,
-            rotations.as_quat(),
+            quaternions_of(rotations),
             weights,
             nodes,
             convention=convention,

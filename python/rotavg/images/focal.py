@@ -38,7 +38,7 @@ def focal_from_exif(image: Any, path: str) -> float:
     raise FormatError(
         f"found no {'plausible ' if found else ''}focal length in the photograph's EXIF data"
         f"{f' ({found})' if found else ''}, expected a 35 mm equivalent, or millimetres with the "
-        "sensor's resolution; give it in pixels (--focal)",
+        "sensor's resolution; give it in pixels (focal, --focal)",
         path=path,
     )
 

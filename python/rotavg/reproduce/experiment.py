@@ -66,12 +66,14 @@ class Experiment:
         title: one line.
         run: does the work.
         from_photographs: whether it needs `Settings.photographs`.
+        draws: whether it makes pictures, which needs the extra `[plot]`.
     """
 
     name: str
     title: str
     run: Callable[[Settings], Outcome]
     from_photographs: bool = False
+    draws: bool = False
 
 
 def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -55,7 +55,9 @@ def run(settings: Settings) -> Outcome:
     )
 
 
-EXPERIMENT = Experiment("fig2", "Fig. 2: convergence from different initial values", run)
+EXPERIMENT = Experiment(
+    "fig2", "Fig. 2: convergence from different initial values", run, draws=True
+)
 
 
 def _curve(graph: MeasurementGraph, algorithm: Algorithm, init: str, seed: int) -> Curve:

@@ -65,7 +65,7 @@ def run(settings: Settings) -> Outcome:
     )
 
 
-EXPERIMENT = Experiment("fig3", "Fig. 3: convergence of BCDSR", run)
+EXPERIMENT = Experiment("fig3", "Fig. 3: convergence of BCDSR", run, draws=True)
 
 
 def _course(kind: str, noise: float, iterations: int, n: int, settings: Settings) -> Course:

@@ -29,7 +29,7 @@ def run(settings: Settings) -> Outcome:
     )
 
 
-EXPERIMENT = Experiment("fig5", "Fig. 5: solutions of noiseless graphs", run)
+EXPERIMENT = Experiment("fig5", "Fig. 5: solutions of noiseless graphs", run, draws=True)
 
 
 def _check(kind: str, n: int, seed: int) -> dict[str, Any]:

@@ -19,14 +19,22 @@ def in_mean_gauge(solution: Solution, start: NDArray[np.float64] | None) -> Solu
     rotations (n, 3, 3) that were started from; without them, the identity.
     """
     rotations = np.array(solution.rotations)
+    turns = np.broadcast_to(np.eye(3), rotations.shape).copy()
     held = solution.grounded is not None and solution.grounded.priors.hold_world
     parts = rows_by_label(solution.component, solution.num_components)
     for rows in parts[1:] if held else parts:
         if start is None:
-            rotations[rows] = karcher_mean(rotations[rows]).T @ rotations[rows]
+            turns[rows] = karcher_mean(rotations[rows]).T
             continue
         # Near the start first: of rotations that lie far apart there are several means.
-        apart = karcher_mean(rotations[rows] @ np.swapaxes(start[rows], 1, 2))
-        near, goal = apart.T @ rotations[rows], karcher_mean(start[rows])
-        rotations[rows] = goal @ karcher_mean(near, goal).T @ near
-    return replace(solution, rotations=read_only(rotations))
+        apart = karcher_mean(rotations[rows] @ np.swapaxes(start[rows], 1, 2)).T
+        near, goal = apart @ rotations[rows], karcher_mean(start[rows])
+        turns[rows] = goal @ karcher_mean(near, goal).T @ apart
+    robust = solution.robust
+    if robust is not None:  # alternatives are told in the gauge of the answer
+        turned = (
+            replace(story, rotations=read_only(turns @ story.rotations))
+            for story in robust.alternatives
+        )
+        robust = replace(robust, alternatives=tuple(turned))
+    return replace(solution, rotations=read_only(turns @ rotations), robust=robust)

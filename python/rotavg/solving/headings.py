@@ -21,6 +21,9 @@ from rotavg.solving.solve import solve
 
 # Where the two ends of an edge differ so much in what is down that it hardly tells a heading.
 _LEAST_SHARE = 1e-6
+# As in the core (robust/scale.hpp).
+_LEAST_NOISE = 1e-4
+_TENTH_OF_HALF_NORMAL, _MEDIAN_BELOW_THREE = 0.1257, 0.6724
 _SETTINGS = {
     *("method", "init", "seed", "tolerance", "stop", "max_iterations", "time_limit"),
     *("num_threads", "mu", "accelerate", "max_rank", "certify", "certificate_tolerance"),
@@ -57,6 +60,7 @@ class _Headings:
         frames: their ids, in that order.
         frame_of: (n,) numbers of the frames of the graph's nodes.
         tells: (m,) which edges of the graph are in it.
+        tilt: (m,) by how much the two ends of an edge differ in what is down, a chord.
         upright: U_f (3, 3) of every frame.
         to_y: takes g to y.
     """
@@ -65,6 +69,7 @@ class _Headings:
     frames: list[Any]
     frame_of: NDArray[np.int64]
     tells: NDArray[np.bool_]
+    tilt: NDArray[np.float64]
     upright: list[NDArray[np.float64]]
     to_y: NDArray[np.float64]
 
@@ -112,7 +117,8 @@ def _problem(
     planar = MeasurementGraph.from_rotvecs(
         ends[tells], turns[tells], (0.5 * graph.weights * rho)[tells], np.arange(len(frames))
     )
-    return _Headings(planar, frames, frame_of, tells, U, to_y)
+    tilt = np.linalg.norm(M[:, :, 1] - np.array([0.0, 1.0, 0.0]), axis=1)  # of M e_y
+    return _Headings(planar, frames, frame_of, tells, tilt, U, to_y)
 
 
 def frame_headings(
@@ -148,7 +154,9 @@ def solve_headings(graph: MeasurementGraph, priors: Priors, **settings: Any) -> 
 
     Gravity is held exactly, whatever its weights, and of every rotation the angle about it is free:
     a problem of one unknown a node, with the certificate of `rotavg.solve` for the headings. With a
-    robust loss outliers are told as ever; other answers that are possible are not looked for.
+    robust loss outliers are told as ever: those whose headings contradict the rest, and those that
+    gravity at their two ends refutes, whatever the headings; noise, threshold and robust objective
+    are of the headings. Other answers that are possible are not looked for.
 
     Args:
         graph: the measurements.
@@ -174,18 +182,24 @@ def solve_headings(graph: MeasurementGraph, priors: Priors, **settings: Any) -> 
         raise GraphError("headings alone: expected gravity, and perhaps calibrated rigs")
     rigs, gravity = _of_frames(graph, priors)
     headings = _problem(graph, rigs, gravity, priors.down)
+    refuted = _refuted_by_gravity(graph, headings, settings)
+    if refuted.any():
+        settings = {**settings, "excluded": refuted[headings.tells]}
     found = solve(headings.planar, **settings)
     of_frame = np.array(headings.rotations(found))
     C = np.array([rigs[node][1] for node in graph.nodes.tolist()])
     R = read_only(of_frame[headings.frame_of] @ C)
     there = solve(graph, init=R, max_iterations=0, certify=False)
-    robust = None if found.robust is None else _of_graph(graph, headings, found.robust, there)
+    robust = (
+        None if found.robust is None else _of_graph(graph, headings, found.robust, refuted, there)
+    )
     weighted = graph if robust is None else graph.with_weights(robust.edge_weights)
     at = there if robust is None else solve(weighted, init=R, max_iterations=0, certify=False)
     return replace(
         there,
         rotations=R,
         objective=at.objective,
+        component=read_only(found.component[headings.frame_of]),
         gradient_norm=found.gradient_norm,
         relative_gradient=found.relative_gradient,
         status=found.status,
@@ -231,17 +245,50 @@ def _of_frames(
     return own, {frame: gravity[frame] for frame in frames}
 
 
+def _refuted_by_gravity(
+    graph: MeasurementGraph, headings: _Headings, settings: Mapping[str, Any]
+) -> NDArray[np.bool_]:
+    """(m,) edges whose ends hang too differently for noise; none without a robust loss.
+
+    Their noise is that of `rotavg.solve`, docs/robust.md: the fixed point s of s = median of those
+    below 3 s (over that of a normal distribution), reached from below.
+    """
+    if settings.get("loss", "l2") == "l2":
+        return np.zeros(graph.num_edges, bool)
+    judged = headings.tilt.copy()
+    if settings.get("weight_kind", "auto") != "frequency":
+        judged *= np.sqrt(graph.weights / np.median(graph.weights))
+    r = np.sort(judged[headings.tells])
+    noise = max(_LEAST_NOISE, float(r[len(r) // 10]) / _TENTH_OF_HALF_NORMAL)
+    for _ in range(100):
+        below = int(np.searchsorted(r, 3 * noise, side="right"))
+        last, noise = noise, max(_LEAST_NOISE, float(r[below // 2]) / _MEDIAN_BELOW_THREE)
+        if abs(noise - last) <= 1e-9 * noise:
+            break
+    scale = settings.get("loss_scale", "auto")
+    threshold = max(3 * noise, 0.0 if isinstance(scale, str) else float(scale))
+    return np.asarray(headings.tells & (judged > threshold))
+
+
 def _of_graph(
-    graph: MeasurementGraph, headings: _Headings, fit: RobustFit, there: Solution
+    graph: MeasurementGraph,
+    headings: _Headings,
+    fit: RobustFit,
+    refuted: NDArray[np.bool_],
+    there: Solution,
 ) -> RobustFit:
     """What a loss made of the headings' edges, for those of the graph."""
     tells = headings.tells
     scales, weights = np.ones(graph.num_edges), np.array(graph.weights)
     scales[tells] = fit.edge_scales
     weights[tells] *= fit.edge_weights / headings.planar.weights
-    verdicts = np.where(there.residual_angles <= fit.threshold, "inlier", "robust_weight")
+    chords = 2 * np.sin(0.5 * there.residual_angles)
+    verdicts = np.where(chords <= fit.threshold, "inlier", "robust_weight")
     verdicts = verdicts.astype(np.result_type(verdicts, fit.edge_verdicts))
     verdicts[tells] = fit.edge_verdicts
+    ends = fit.part[headings.frame_of][graph.indices]
+    apart = ends[:, 0] != ends[:, 1]
+    verdicts[refuted] = np.where(apart[refuted], "weak_part", "robust_weight")
     return replace(
         fit,
         edge_weights=read_only(weights),

@@ -65,7 +65,7 @@ def _verdict_sentence(solution: Solved, c: Certificate) -> str:
     if solution.robust is None:
         return f"{c.sentence}{held}"
     return solution.robust.proof_sentence(
-        f"{c.sentence}{held}", solution.num_components, len(solution.hanging_groups)
+        f"{c.sentence}{held}", solution.num_parts_given, len(solution.hanging_groups)
     )
 
 

@@ -66,10 +66,11 @@ class RobustFit(ReadOnly):
             (with a cycle check) pi, as it takes no other edge for an outlier.
         edge_scales: (m,) factors by which scale, noise and threshold of an edge differ from these;
             infinite for trusted edges.
-        objective: the robust objective; with priors, that of the measurements before these are met.
-        edge_weights: (m,) the graph's weights times rho'(r) / (2 r), at least 1e-9 of them, so that
-            the graph stays connected (of excluded edges, and those that the cycle check leaves out,
-            1e-12).
+        objective: the robust objective, without edges that were left out; with priors, that of the
+            measurements before these are met, and with `anisotropic`, before that.
+        edge_weights: (m,) the graph's weights times rho'(r) / (2 r), at least 1e-9 of them over
+            the edge's precision, so that no node is lost (docs/robust.md); of edges that were left
+            out, 1e-12 of the lightest that was not, or of their own.
         edge_verdicts: (m,) see `Solution.edge_verdicts`.
         part: (n,) label of the part of the graph that each node is in; parts are held together by
             edges that are no outliers, and by fixed nodes and absolute priors. Where a component
@@ -131,11 +132,11 @@ class RobustFit(ReadOnly):
         """Number of parts."""
         return int(self.part.max()) + 1
 
-    def rows(self, num_components: int) -> list[tuple[str, str]]:
+    def rows(self, num_parts_given: int) -> list[tuple[str, str]]:
         """Names and sentences for a printed report.
 
         Args:
-            num_components: how many parts there are if no edge is an outlier.
+            num_parts_given: how many parts there are if no edge is an outlier.
         """
         counts = Counter(self.edge_verdicts.tolist())
         reasons = [
@@ -175,13 +176,13 @@ class RobustFit(ReadOnly):
         if counts["bridge"]:
             some = "1 edge" if counts["bridge"] == 1 else f"{counts['bridge']} edges"
             rows.append(("bridges", f"{some} that no cycle checks"))
-        weak = self.num_parts - num_components
+        weak = self.num_parts - num_parts_given
         if weak > 0:
             edges = f" ({counts['weak_part']} edges)" if counts["weak_part"] else ""
             rows.append(
                 (
                     "weak parts",
-                    f"{weak} beside the main {'one' if num_components == 1 else 'ones'}: held by "
+                    f"{weak} beside the main {'one' if num_parts_given == 1 else 'ones'}: held by "
                     f"outliers alone{edges}",
                 )
             )
@@ -191,18 +192,18 @@ class RobustFit(ReadOnly):
             rows += [("", f"{len(more)} more in `robust.alternatives` and --json")]
         return rows
 
-    def proof_sentence(self, sentence: str, num_components: int, hanging: int = 0) -> str:
+    def proof_sentence(self, sentence: str, num_parts_given: int, hanging: int = 0) -> str:
         """What a certificate proves of the answer, `sentence`, and what speaks against it.
 
         Args:
             sentence: what is proved.
-            num_components: how many parts there are if no edge is an outlier.
+            num_parts_given: how many parts there are if no edge is an outlier.
             hanging: how many groups of nodes nothing checks against the rest.
         """
         rejected = int((~np.isin(self.edge_verdicts, ("inlier", "bridge", "trusted"))).sum())
         said = f"{sentence} of the least squares on the edges it kept"
         doubts = [f"{rejected} of {len(self.edge_verdicts)} edges rejected"]
-        weak = self.num_parts - num_components
+        weak = self.num_parts - num_parts_given
         if weak > 0:
             doubts.append(f"{weak} part{'s' * (weak > 1)} on rejected edges only")
         if hanging > 0:

@@ -147,7 +147,10 @@ class Solution(NodeMapping):
             return []
         checks = ~self.is_outlier & ~self.is_unchecked & ~bridges(self.graph)
         checks |= self.edge_verdicts == "trusted"
-        return hanging_groups(self.graph, checks, self.robust.part)
+        # What rigs alone join hangs on no edge.
+        component = self.graph.components().astype(np.int64)
+        part = self.robust.part + component * self.robust.num_parts
+        return hanging_groups(self.graph, checks, part)
 
     def covariances(
         self,

@@ -95,7 +95,7 @@ class Alternative(ReadOnly):
             f"if look-alike places were confused, {len(self.nodes)} of {len(self.group)} nodes "
             f"({few}{more}) have other rotations. Edges for it: {self.edges[1]}, which this answer "
             f"rejects{weights}; against it: {self.edges[0]}, which it would reject. Of every "
-            f"node's eight strongest edges: {self.voices[1]:g} for it, {self.voices[0]:g} against. "
+            f"node's strongest edges: {self.voices[1]:g} for it, {self.voices[0]:g} against. "
             "Of the pairs that should match if it were true, "
             f"{100 * self.closure[1]:.0f} % do; if this answer is, {100 * self.closure[0]:.0f} %"
         )

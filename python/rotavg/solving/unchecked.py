@@ -30,7 +30,7 @@ def unchecked_edges(graph: MeasurementGraph, kept: NDArray[np.bool_]) -> NDArray
 
 
 def hanging_groups(
-    graph: MeasurementGraph, checks: NDArray[np.bool_], part: NDArray[np.int32]
+    graph: MeasurementGraph, checks: NDArray[np.bool_], part: NDArray[np.integer[Any]]
 ) -> list[NDArray[Any]]:
     """Groups of nodes (ids) that the edges `checks` (m,) hold together, but not to the rest.
 

@@ -18,6 +18,8 @@ namespace rotavg {
 /// The other ways to get from one end of an edge to the other: by two more edges, which make a
 /// triangle with it, or by one parallel to it.
 class Detours {
+  static constexpr Index most_parallel = 8;
+
  public:
   explicit Detours(const MeasurementGraph& graph) {
     edges_.reserve(graph.edges().size());
@@ -42,7 +44,8 @@ class Detours {
   template <typename Visit>
   Index visit(Index edge, Visit&& visit) const {
     const UnitEdge& e = edges_[edge];
-    const bool from_i = neighbours_[e.i].size() <= neighbours_[e.j].size();
+    const std::size_t of_i = neighbours_[e.i].size(), of_j = neighbours_[e.j].size();
+    const bool from_i = of_i == of_j ? e.i < e.j : of_i < of_j;  // whichever way it was measured
     const Index a = from_i ? e.i : e.j, b = from_i ? e.j : e.i;
     const auto& starts = neighbours_[a];
     const auto& ends = neighbours_[b];
@@ -57,11 +60,14 @@ class Detours {
         visit(squared_distance(there.from(a), a_from_b), there.weight);
         continue;
       }
-      const auto found = std::lower_bound(ends.begin(), ends.end(), std::make_pair(node, Index{0}));
-      if (found == ends.end() || found->first != node) continue;
-      const UnitEdge& back = edges_[found->second];
-      visit(squared_distance(Quaternion(product(there.from(a), back.from(node))), a_from_b),
-            there.weight / (1.0 + there.weight / back.weight));
+      auto found = std::lower_bound(ends.begin(), ends.end(), std::make_pair(node, Index{0}));
+      // Of edges parallel to the second some are tried, too.
+      for (Index tried = 0; tried < most_parallel; ++tried, ++found) {
+        if (found == ends.end() || found->first != node) break;
+        const UnitEdge& back = edges_[found->second];
+        visit(squared_distance(Quaternion(product(there.from(a), back.from(node))), a_from_b),
+              there.weight / (1.0 + there.weight / back.weight));
+      }
     }
     return stride;
   }

@@ -7,7 +7,7 @@
 namespace rotavg::io {
 
 /// A file that does not hold what its format asks for, or cannot be read or written. The message
-/// reads "file:line: what was found, what was expected".
+/// reads `file:line: what was found, what was expected`.
 class FormatError : public std::invalid_argument {
  public:
   /// @param line counted from 1; 0 where no line is to blame

@@ -93,7 +93,7 @@ struct EdgeUnits {
   std::vector<double> voices;
 };
 
-/// @param typical edges whose median weight is the unit; empty: all
+/// @param typical edges whose median weight is the unit, but for excluded ones; empty: all
 inline EdgeUnits edge_units(const MeasurementGraph& graph, const EdgeKnowledge& known,
                             WeightKind kind, const std::vector<Index>& typical = {}) {
   EdgeUnits units;
@@ -101,8 +101,12 @@ inline EdgeUnits edge_units(const MeasurementGraph& graph, const EdgeKnowledge& 
   if (kind != WeightKind::frequency && uneven) {
     for (const Edge& e : graph.edges()) units.precision.push_back(e.weight);
     std::vector<double> sorted;
-    for (const Index k : typical) sorted.push_back(units.precision[k]);
-    if (typical.empty()) sorted = units.precision;
+    const auto take = [&](Index k) {
+      if (!known.excludes(k)) sorted.push_back(units.precision[k]);
+    };
+    for (const Index k : typical) take(k);
+    for (Index k = 0; k < graph.num_edges() && typical.empty(); ++k) take(k);
+    if (sorted.empty()) sorted = units.precision;
     const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
     std::nth_element(sorted.begin(), middle, sorted.end());
     for (double& p : units.precision) p /= *middle;
@@ -121,10 +125,16 @@ inline EdgeUnits edge_units(const MeasurementGraph& graph, const EdgeKnowledge& 
   return units;
 }
 
-/// Leaves edges out, but for a weight that keeps the graph connected.
+/// Leaves edges out, but for a weight that keeps the graph connected: a small share of their own,
+/// or of the lightest edge that stays, if that is less.
 inline void leave_out(const std::vector<bool>& edges, std::vector<double>& weights) {
+  double lightest = max_weight;
   for (std::size_t k = 0; k < weights.size(); ++k) {
-    if (edges[k]) weights[k] = std::max(min_weight, least_weight_share * weights[k]);
+    if (!edges[k]) lightest = std::min(lightest, weights[k]);
+  }
+  for (std::size_t k = 0; k < weights.size(); ++k) {
+    if (!edges[k]) continue;
+    weights[k] = std::max(min_weight, least_weight_share * std::min(weights[k], lightest));
   }
 }
 

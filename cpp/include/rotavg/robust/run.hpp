@@ -61,18 +61,11 @@ class RobustRun {
   }
   /// The estimated standard deviation of the noise angle, radians, of an edge of precision 1.
   double noise_at(const Rotations& R) {
-    return noise_scale(series_residuals_at(R), series_.num_cycles);
+    return noise_beside_tree(series_residuals_at(R), series_.num_cycles);
   }
-  /// The same of rotations along a spanning tree: its edges are met exactly, which is no sign of
-  /// little noise, and are left out.
+  /// The same of rotations along a spanning tree.
   double noise_off_tree_at(const Rotations& R) {
-    std::vector<double> x = series_residuals_at(R);
-    const auto met = static_cast<std::ptrdiff_t>(x.size()) - series_.num_cycles;
-    if (met > 0) {
-      std::nth_element(x.begin(), x.begin() + met, x.end());
-      x.erase(x.begin(), x.begin() + met);
-    }
-    return noise_scale(x, series_.num_cycles);
+    return noise_off_tree(series_residuals_at(R), series_.num_cycles);
   }
   double objective_at(const Rotations& R, const RobustLoss& loss) {
     return robust_objective(given_, squared_residuals_at(R), loss, precision(), num_threads_);

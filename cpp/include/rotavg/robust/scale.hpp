@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <utility>
 #include <vector>
 
 #include <rotavg/graph/series.hpp>
@@ -61,7 +62,8 @@ inline std::vector<double> series_residuals(const Series& series, const std::vec
 /// rotations drawn at random are below 30 degrees in one case of 140.) As rotations are fitted to
 /// the rest, it is scaled by the root of series / independent cycles.
 ///
-/// Of many residuals some are taken, evenly spaced; the estimate is then good to a per cent.
+/// Of many residuals some are taken, one of each stretch of the list; the estimate is then good to
+/// a per cent.
 ///
 /// @param x squared residuals of the series of the graph (series_residuals)
 /// @param num_cycles independent cycles of the graph, m - n + components
@@ -70,7 +72,9 @@ inline double noise_scale(const std::vector<double>& x, Index num_cycles) {
   const std::size_t stride = (x.size() + enough - 1) / enough;
   std::vector<double> r;
   for (std::size_t k = 0; k < x.size(); k += stride) {
-    r.push_back(std::sqrt(x[k]));
+    // Not always at the same place: lists may have a period.
+    const std::size_t length = std::min(stride, x.size() - k);
+    r.push_back(std::sqrt(x[k + detail::scrambled(k) % length]));
   }
   if (r.empty() || num_cycles <= 0) return least_noise;
   radix_sort(r);
@@ -85,6 +89,33 @@ inline double noise_scale(const std::vector<double>& x, Index num_cycles) {
   }
   const double freedom = static_cast<double>(num_cycles) / static_cast<double>(stride * r.size());
   return std::max(least_noise, s / std::sqrt(std::min(1.0, freedom)));
+}
+
+/// The same without as many residuals, the smallest, as a spanning tree meets.
+inline double noise_off_tree(std::vector<double> x, Index num_cycles) {
+  const auto met = static_cast<std::ptrdiff_t>(x.size()) - num_cycles;
+  if (met > 0) {
+    std::nth_element(x.begin(), x.begin() + met, x.end());
+    x.erase(x.begin(), x.begin() + met);
+  }
+  return noise_scale(x, num_cycles);
+}
+
+/// The same of rotations that may meet a spanning tree exactly, as those of l1 do where edges are
+/// few, and all that were made along one: n - 1 edges met exactly are no sign of little noise.
+/// Where hardly any more are within the noise, it is that of the others.
+inline double noise_beside_tree(std::vector<double> x, Index num_cycles) {
+  constexpr double of_tree = 0.2, of_cycles = 0.2, few = 3.0;
+  const double noise = noise_scale(x, num_cycles);
+  const std::ptrdiff_t tree = static_cast<std::ptrdiff_t>(x.size()) - num_cycles;
+  if (tree <= 0 || num_cycles <= 0) return noise;
+  const double most = outlier_noises * noise;
+  const auto met =
+      std::count_if(x.begin(), x.end(), [=](double x_k) { return x_k <= most * most; });
+  const double more = std::min(std::max(few, of_tree * static_cast<double>(tree)),
+                               of_cycles * static_cast<double>(num_cycles));
+  if (static_cast<double>(met) >= static_cast<double>(tree) + more) return noise;
+  return std::max(noise, noise_off_tree(std::move(x), num_cycles));
 }
 
 /// The same where the few that are right among rotations drawn at random show only by their

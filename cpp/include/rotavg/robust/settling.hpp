@@ -32,8 +32,8 @@ constexpr int most_reweightings = 500;
 ///
 /// Where l1 has not come far, as on large graphs, the noise was taken for more than it is. So it is
 /// looked at again where the loss has settled roughly, and the scale falls with it if it is less
-/// than half. (Only where nearly every series of edges is checked: others can be met exactly, which
-/// is no sign of less noise.)
+/// than half. (Where few series of edges are checked, a loss that bends off meets many exactly,
+/// which is no sign of less noise: there those count that no tree can meet.)
 ///
 /// If the objective was lower at an earlier answer, it goes on from there; but not of huber and l1,
 /// which never stop growing as fast as r: there a lower objective is the pull of the outliers.
@@ -55,7 +55,8 @@ inline Settling settle(RobustRun& run, const RobustLoss& asked, double freedom,
   loss.scale = asked.scale == 0.0 ? default_scale(loss.kind, freedom) * noise : asked.scale;
   const Rotations R = run.graduated(consensus.rotations, loss);
   result = run.reweighted(R, loss, rough_gain, limit);
-  const double noise_now = freedom > nearly_all ? run.noise_at(result.rotations) : noise;
+  const double noise_now = freedom > nearly_all ? run.noise_at(result.rotations)
+                                                : run.noise_off_tree_at(result.rotations);
   const bool rescales = asked.scale == 0.0 && noise_now < much_less * noise;
   if (rescales) {
     loss.scale *= noise_now / noise;

@@ -228,9 +228,13 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   };
   update_residuals();
   robust_weights(given, x, loss, units.precision, run.num_threads(), weights);
-  // Of edges that were left out little is left; what rounding leaves of a proof wants no less.
+  // What is left of edges that were left out is no matter of the loss, and gives way to all that is
+  // known besides: rejected priors keep as large a share as leave_out() leaves.
+  std::vector<double> counted = given;
   for (std::size_t k = 0; k < left_out.size(); ++k) {
-    if (left_out[k]) weights[k] = std::max(weights[k], least_weight_share * given[k]);
+    if (!left_out[k]) continue;
+    weights[k] = std::max(min_weight, least_weight_share * given[k]);
+    counted[k] = 0.0;
   }
   weighted.set_weights(weights);
   Status early = run.ended();
@@ -258,7 +262,8 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   solution.noise = noise;
   solution.moved_by_votes = consensus.moved;
   solution.edge_weights = std::move(weights);
-  solution.robust_objective = robust_objective(given, x, loss, units.precision, run.num_threads());
+  solution.robust_objective =
+      robust_objective(counted, x, loss, units.precision, run.num_threads());
   const detail::Thresholds threshold = detail::thresholds(loss, noise);
   solution.threshold = threshold.told;
   solution.verdicts = edge_verdicts(graph, part.series(), x, units.precision, threshold.doubtful,

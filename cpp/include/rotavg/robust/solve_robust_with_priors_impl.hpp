@@ -14,6 +14,7 @@
 #include <rotavg/robust/robust_priors.hpp>
 #include <rotavg/robust/solve_robust_impl.hpp>
 #include <rotavg/robust/solve_robust_with_priors.hpp>
+#include <rotavg/robust/stories.hpp>
 #include <rotavg/solve/solve_with_priors_impl.hpp>
 #include <rotavg/solve/stop_request.hpp>
 #include <rotavg/solve/stopwatch.hpp>
@@ -182,16 +183,14 @@ ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem,
   if (stop.made()) solution.status = Status::stopped;
   GroundedGraph weighted = problem;
   weighted.set_weights(solution.edge_weights);
-  const Rotations before = solution.rotations;
+  const std::vector<Index> component = solution.components.label;  // by measurements alone
   if (robust.priors && solution.loss.kind != Loss::l2) {
     detail::weigh_priors(weighted, options, stop, watch, solution);
   }
   detail::join_parts(problem, solution);
   static_cast<Solution&>(solution) = detail::meet_priors(weighted, solution, options, watch);
   for (Alternative& story : solution.alternatives) {
-    const auto k = std::find(story.group.begin(), story.group.end(), 0) - story.group.begin();
-    const Matrix3 turn = solution.rotations[k] * before[k].transpose();
-    for (Matrix3& R : story.rotations) R = turn * R;
+    adopt_gauge(component, story.group, solution.rotations, story.rotations);
   }
   return solution;
 }

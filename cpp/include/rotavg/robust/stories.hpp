@@ -64,16 +64,17 @@ inline std::vector<Index> shared_groups(const MeasurementGraph& graph, const Rot
 }
 
 /// Turns every component of an answer so that its largest group is as in another.
+/// @param component (n,) labels from 0 on
 /// @param group as of shared_groups
-inline void adopt_gauge(const MeasurementGraph& graph, const std::vector<Index>& group,
+inline void adopt_gauge(const std::vector<Index>& component, const std::vector<Index>& group,
                         const Rotations& R, Rotations& S) {
-  const Components components = connected_components(graph);
-  Rotations gauge(components.size(), Matrix3::Zero());
+  const Index components = 1 + *std::max_element(component.begin(), component.end());
+  Rotations gauge(static_cast<std::size_t>(components), Matrix3::Zero());
   for (std::size_t i = 0; i < R.size(); ++i) {
-    Matrix3& turn = gauge[components.label[i]];
+    Matrix3& turn = gauge[component[i]];
     if (group[i] == 0 && turn.isZero()) turn = R[i] * S[i].transpose();
   }
-  for (std::size_t i = 0; i < R.size(); ++i) S[i] = gauge[components.label[i]] * S[i];
+  for (std::size_t i = 0; i < R.size(); ++i) S[i] = gauge[component[i]] * S[i];
 }
 
 /// What there is to tell of another answer.
@@ -86,7 +87,7 @@ inline Alternative alternative_story(const MeasurementGraph& graph, const Rotati
   constexpr double most = contradiction;
   constexpr std::size_t most_missing = 16, most_bundles = 8, most_looked_at = 400;
   Alternative story;
-  adopt_gauge(graph, group, R, S);
+  adopt_gauge(connected_components(graph).label, group, R, S);
   std::map<std::pair<Index, Index>, Bundle> bundles;
   std::vector<Index> only_other;
   for (Index k = 0; k < graph.num_edges(); ++k) {
