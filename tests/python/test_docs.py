@@ -124,6 +124,17 @@ def test_commands_and_options_exist(page: Path) -> None:
     assert said <= known | OF_OTHERS, said - known
 
 
+@pytest.mark.parametrize("page", ["report.md", "uncertainty.md", "warm_start.md", "robust.md"])
+def test_the_first_commands_of_a_page_run_in_an_empty_folder(page: str, tmp_path: Path) -> None:
+    lines = next(iter(blocks(DOCS / page, "sh"))).splitlines()
+    script = "\n".join(line for line in lines if not line.startswith("pip "))
+    run = f'rotavg() {{ "{sys.executable}" -m rotavg "$@"; }}\n{script}\n'
+    done = subprocess.run(
+        ["bash", "-e"], input=run, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
 def test_the_index_names_every_page_and_links_lead_somewhere() -> None:
     index = (DOCS / "README.md").read_text("utf-8")
     named = set(re.findall(r"\]\((\w[\w/]*\.md)\)", index))

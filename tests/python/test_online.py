@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -272,3 +274,13 @@ def test_follow_answers_at_once_and_ends_by_ctrl_c() -> None:
     assert process.returncode == 130
     assert "interrupted" in errors
     assert "Traceback" not in errors
+
+
+def test_an_online_graph_is_not_copied_and_its_solution_is() -> None:
+    online = rotavg.Online()
+    online.add([(0, 1), (1, 2)], np.broadcast_to(np.eye(3), (2, 3, 3)))
+    for refused in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(TypeError, match="cannot be copied or pickled"):
+            refused(online)
+    solution = pickle.loads(pickle.dumps(online.solution))
+    assert (solution.rotations == online.solution.rotations).all()

@@ -69,19 +69,6 @@ class RigFit(Brief):
         """frame_from_sensor (3, 3) of every sensor."""
         return dict(zip(self.sensors, self.rotations))
 
-    def with_frames_of(self, nodes: list[Any], rotations: NDArray[np.float64], f: float) -> RigFit:
-        """The same sensors with the frames of other rotations (n, 3, 3), of another objective f.
-
-        What frames and sensors could gain of that together is not known.
-        """
-        row = {node: k for k, node in enumerate(nodes)}
-        of_sensor = self.rotation_of
-        frames: dict[Any, NDArray[np.float64]] = {}
-        for node, (frame, sensor) in self.images.items():
-            if frame not in frames:
-                frames[frame] = read_only(rotations[row[node]] @ of_sensor[sensor].T)
-        return replace(self, frames=frames, objective=f, lower_bound=None)
-
     @property
     def estimated(self) -> NDArray[np.bool_]:
         """(s,) whether the sensor was estimated."""
@@ -249,3 +236,19 @@ def sensors_of(graph: MeasurementGraph, priors: Priors) -> Sensors:
     )
     others = core_priors(graph, replace(priors, rigs={}))
     return Sensors(graph, priors, rigs, images, list(sensor_rows), core, others)
+
+
+def with_frames_of(
+    fit: RigFit, nodes: list[Any], rotations: NDArray[np.float64], f: float
+) -> RigFit:
+    """The same sensors with the frames of other rotations (n, 3, 3), of another objective f.
+
+    What frames and sensors could gain of that together is not known.
+    """
+    row = {node: k for k, node in enumerate(nodes)}
+    of_sensor = fit.rotation_of
+    frames: dict[Any, NDArray[np.float64]] = {}
+    for node, (frame, sensor) in fit.images.items():
+        if frame not in frames:
+            frames[frame] = read_only(rotations[row[node]] @ of_sensor[sensor].T)
+    return replace(fit, frames=frames, objective=f, lower_bound=None)

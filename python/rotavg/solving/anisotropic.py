@@ -15,6 +15,7 @@ from rotavg.base.errors import OptionError
 from rotavg.graph.covariances import NOT_USED, information, precision_of_weight_one
 from rotavg.graph.ids import edge_error
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.priors.rigs import with_frames_of
 from rotavg.solving.certificate import certificate_from_core
 from rotavg.solving.problem import Problem
 from rotavg.solving.solution import Solution
@@ -108,7 +109,7 @@ def with_covariances(solution: Solution, settings: dict[str, Any]) -> tuple[Solu
     seconds = core["seconds"]
     rotations, rigs = read_only(core["rotations"]), solution.rigs
     if rigs is not None:
-        rigs = rigs.with_frames_of(graph.nodes.tolist(), rotations, core["objective"])
+        rigs = with_frames_of(rigs, graph.nodes.tolist(), rotations, core["objective"])
     before = f"without covariances {solution.reason or solution.method}; then "
     found = replace(
         solution,
@@ -164,7 +165,7 @@ def refined(solution: Solution, settings: dict[str, Any]) -> Solution:
     seconds = time.perf_counter() - began
     rotations, rigs = read_only(core["rotations"]), solution.rigs
     if rigs is not None:
-        rigs = rigs.with_frames_of(graph.nodes.tolist(), rotations, core["objective"])
+        rigs = with_frames_of(rigs, graph.nodes.tolist(), rotations, core["objective"])
     status = Status.STOPPED if stopped else Status[core["status"].upper()]
     then = f"then Gauss-Newton on the logarithms, {core['iterations']} iterations"
     return replace(

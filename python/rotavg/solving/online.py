@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any, NoReturn, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -269,6 +269,10 @@ class Online:
         except (KeyError, ValueError, TypeError):
             raise UnknownNodeError(f"there is no node {node!r}") from None
         return rotation
+
+    def __reduce_ex__(self, protocol: Any) -> NoReturn:
+        """Refuse copies and pickles, which would share its state or lose it."""
+        raise TypeError("an Online cannot be copied or pickled; its `solution` can")
 
     def __repr__(self) -> str:
         """Sizes and verdict."""

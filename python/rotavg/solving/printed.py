@@ -6,6 +6,7 @@ import numpy as np
 
 from rotavg.solving.certificate import Certificate, Verdict
 from rotavg.solving.contamination import contamination_of
+from rotavg.solving.printed_robust import proof_sentence, robust_rows
 from rotavg.solving.solved import Solved
 from rotavg.solving.uncertainty import beyond_half_a_turn, rms_degrees
 
@@ -64,8 +65,11 @@ def _verdict_sentence(solution: Solved, c: Certificate) -> str:
         held = " of the headings, with gravity held"
     if solution.robust is None:
         return f"{c.sentence}{held}"
-    return solution.robust.proof_sentence(
-        f"{c.sentence}{held}", solution.num_parts_given, len(solution.hanging_groups)
+    return proof_sentence(
+        solution.robust,
+        f"{c.sentence}{held}",
+        solution.num_parts_given,
+        len(solution.hanging_groups),
     )
 
 
@@ -123,7 +127,7 @@ def _outliers(solution: Solved) -> Rows:
             return []  # residuals on the way to the answer say nothing of the measurements
         advice = contamination_of(solution.graph, solution.rotations, solution.residual_angles)
         return [("outliers?", f"of the residuals, {advice}")] if advice else []
-    rows = solution.robust.rows(solution.num_parts_given)
+    rows = robust_rows(solution.robust, solution.num_parts_given)
     if (unchecked := int(solution.is_unchecked.sum())) > 0:
         some = "1 edge" if unchecked == 1 else f"{unchecked} edges"
         rows.append(("unchecked", f"{some} that outliers alone check"))

@@ -14,7 +14,7 @@ from rotavg.priors.priors import Priors
 from rotavg.priors.rigs import RigFit, Sensors, is_rigs, sensors_of
 from rotavg.solving.certificate import certificate_from_core
 from rotavg.solving.core_call import call_core
-from rotavg.solving.robust import RobustFit
+from rotavg.solving.robust import robust_from_core, with_named_priors
 from rotavg.solving.solution import Solution
 from rotavg.solving.status import Status, Timings, Trace
 
@@ -86,9 +86,9 @@ class Problem:
             grounded = self.sensors.grounded(rigs)
         robust = None
         if "robust" in core:
-            robust = RobustFit.from_core(core["robust"], self.graph)
+            robust = robust_from_core(core["robust"], self.graph)
             if self.priors is not None and grounded is not None:
-                robust = robust.with_priors(self.graph, self.priors)
+                robust = with_named_priors(robust, self.graph, self.priors)
                 fits = robust.absolute_priors, robust.gravity_priors
                 grounded = grounded.with_prior_weights(
                     *(None if f is None else f.believed_weights for f in fits)

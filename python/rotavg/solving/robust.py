@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -13,11 +12,9 @@ from rotavg.base.arrays import ReadOnly, read_only
 from rotavg.graph.ids import IdArray, as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.priors import Priors
-from rotavg.solving.stories import Alternative
+from rotavg.solving.stories import Alternative, alternative_from_core
 
 Loss = Literal["l2", "auto", "huber", "l1", "l_half", "cauchy", "geman_mcclure", "tls"]
-
-_SHOWN = 3  # alternatives in print
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,122 +91,41 @@ class RobustFit(ReadOnly):
     gravity_priors: PriorFit | None = None
     alternatives: tuple[Alternative, ...] = ()
 
-    @classmethod
-    def from_core(cls, core: dict[str, Any], graph: MeasurementGraph) -> RobustFit:
-        """From what the core returns."""
-        arrays: dict[str, Any] = {
-            "edge_weights": read_only(core["edge_weights"]),
-            "edge_scales": read_only(core["edge_scales"]),
-            "edge_verdicts": read_only(np.array(core["edge_verdicts"], dtype=np.str_)),
-            "part": read_only(core["part"]),
-            "alternatives": tuple(Alternative.from_core(a, graph) for a in core["alternatives"]),
-        }
-        for kind in ("absolute_priors", "gravity_priors"):
-            if core[kind] is not None:
-                none = np.empty(0)
-                arrays[kind] = PriorFit(nodes=none, given_weights=none, **core[kind])
-        return cls(**{**core, **arrays})
-
-    def with_priors(self, graph: MeasurementGraph, priors: Priors) -> RobustFit:
-        """The same, with nodes and given weights of the priors."""
-        named = {}
-        for kind, of_nodes in (("absolute", priors.absolute), ("gravity", priors.gravity)):
-            fit = getattr(self, f"{kind}_priors")
-            if fit is not None:
-                keys = [key.item() if isinstance(key, np.generic) else key for key in of_nodes]
-                rows = rows_of(as_ids(keys, kind), graph.nodes)
-                order = np.argsort(rows, kind="stable")
-                weights = np.array([float(weight) for _, weight in of_nodes.values()])
-                named[f"{kind}_priors"] = replace(
-                    fit,
-                    nodes=read_only(graph.nodes[rows[order]]),
-                    given_weights=read_only(weights[order]),
-                )
-        return replace(self, **named)
-
     @property
     def num_parts(self) -> int:
         """Number of parts."""
         return int(self.part.max()) + 1
 
-    def rows(self, num_parts_given: int) -> list[tuple[str, str]]:
-        """Names and sentences for a printed report.
 
-        Args:
-            num_parts_given: how many parts there are if no edge is an outlier.
-        """
-        counts = Counter(self.edge_verdicts.tolist())
-        reasons = [
-            (counts["robust_weight"] + counts["weak_part"], "by their residuals"),
-            (counts["cycle_check"], "by the cycle check"),
-            (counts["excluded"], "excluded"),
-        ]
-        total = sum(count for count, _ in reasons)
-        scales = self.edge_scales[np.isfinite(self.edge_scales)]
-        of_what = " at the median weight" if len(scales) and np.ptp(scales) > 0 else ""
-        how = ", ".join(f"{count} {reason}" for count, reason in reasons if count)
-        rows = [
-            (
-                "loss",
-                f"{self.loss}, scale {np.degrees(self.scale):.3g} deg, noise about "
-                f"{np.degrees(self.noise):.3g} deg{of_what}, robust objective "
-                f"{self.objective:.9g}",
-            ),
-            (
-                "outliers",
-                f"{total} of {len(self.edge_verdicts)} edges, beyond "
-                f"{np.degrees(min(self.threshold, np.pi)):.3g} deg"
-                + (f": {how}" if counts["cycle_check"] or counts["excluded"] else ""),
-            ),
-        ]
-        for what, fit in (("absolute", self.absolute_priors), ("gravity", self.gravity_priors)):
-            if fit is not None:
-                rows.append(
-                    (
-                        what,
-                        f"{int(fit.is_outlier.sum())} of {len(fit.nodes)} priors are outliers, "
-                        f"beyond {np.degrees(min(fit.threshold, np.pi)):.3g} deg",
-                    )
-                )
-        if counts["trusted"]:
-            rows.append(("trusted", f"{counts['trusted']} edges that the loss does not touch"))
-        if counts["bridge"]:
-            some = "1 edge" if counts["bridge"] == 1 else f"{counts['bridge']} edges"
-            rows.append(("bridges", f"{some} that no cycle checks"))
-        weak = self.num_parts - num_parts_given
-        if weak > 0:
-            edges = f" ({counts['weak_part']} edges)" if counts["weak_part"] else ""
-            rows.append(
-                (
-                    "weak parts",
-                    f"{weak} beside the main {'one' if num_parts_given == 1 else 'ones'}: held by "
-                    f"outliers alone{edges}",
-                )
+def robust_from_core(core: dict[str, Any], graph: MeasurementGraph) -> RobustFit:
+    """From what the core returns."""
+    arrays: dict[str, Any] = {
+        "edge_weights": read_only(core["edge_weights"]),
+        "edge_scales": read_only(core["edge_scales"]),
+        "edge_verdicts": read_only(np.array(core["edge_verdicts"], dtype=np.str_)),
+        "part": read_only(core["part"]),
+        "alternatives": tuple(alternative_from_core(a, graph) for a in core["alternatives"]),
+    }
+    for kind in ("absolute_priors", "gravity_priors"):
+        if core[kind] is not None:
+            none = np.empty(0)
+            arrays[kind] = PriorFit(nodes=none, given_weights=none, **core[kind])
+    return RobustFit(**{**core, **arrays})
+
+
+def with_named_priors(fit: RobustFit, graph: MeasurementGraph, priors: Priors) -> RobustFit:
+    """The same, with nodes and given weights of the priors."""
+    named = {}
+    for kind, of_nodes in (("absolute", priors.absolute), ("gravity", priors.gravity)):
+        of_kind = getattr(fit, f"{kind}_priors")
+        if of_kind is not None:
+            keys = [key.item() if isinstance(key, np.generic) else key for key in of_nodes]
+            rows = rows_of(as_ids(keys, kind), graph.nodes)
+            order = np.argsort(rows, kind="stable")
+            weights = np.array([float(weight) for _, weight in of_nodes.values()])
+            named[f"{kind}_priors"] = replace(
+                of_kind,
+                nodes=read_only(graph.nodes[rows[order]]),
+                given_weights=read_only(weights[order]),
             )
-        shown, more = self.alternatives[:_SHOWN], self.alternatives[_SHOWN:]
-        rows += [("alternative", alternative.sentence) for alternative in shown]
-        if more:
-            rows += [("", f"{len(more)} more in `robust.alternatives` and --json")]
-        return rows
-
-    def proof_sentence(self, sentence: str, num_parts_given: int, hanging: int = 0) -> str:
-        """What a certificate proves of the answer, `sentence`, and what speaks against it.
-
-        Args:
-            sentence: what is proved.
-            num_parts_given: how many parts there are if no edge is an outlier.
-            hanging: how many groups of nodes nothing checks against the rest.
-        """
-        rejected = int((~np.isin(self.edge_verdicts, ("inlier", "bridge", "trusted"))).sum())
-        said = f"{sentence} of the least squares on the edges it kept"
-        doubts = [f"{rejected} of {len(self.edge_verdicts)} edges rejected"]
-        weak = self.num_parts - num_parts_given
-        if weak > 0:
-            doubts.append(f"{weak} part{'s' * (weak > 1)} on rejected edges only")
-        if hanging > 0:
-            doubts.append(f"{hanging} group{'s' * (hanging > 1)} that nothing checks")
-        if self.alternatives:
-            some = len(self.alternatives)
-            answers = "another answer is" if some == 1 else f"{some} other answers are"
-            doubts.append(f"{answers} possible")
-        return f"{said}; {', '.join(doubts)}"
+    return replace(fit, **named)

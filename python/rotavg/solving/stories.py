@@ -64,23 +64,6 @@ class Alternative(ReadOnly):
     closure: tuple[float, float]
     missing: IdArray
 
-    @classmethod
-    def from_core(cls, core: dict[str, Any], graph: MeasurementGraph) -> Alternative:
-        """From what the core returns."""
-        group = read_only(core["group"])
-        missing = np.array(core["missing"], dtype=np.intp).reshape(-1, 2)
-        return cls(
-            read_only(core["rotations"]),
-            group,
-            read_only(graph.nodes[group > 0]),
-            tuple(Bundle((a, b), *rest) for a, b, *rest in core["bundles"]),
-            core["voices"],
-            core["lead_in_weight"],
-            core["edges"],
-            core["closure"],
-            read_only(graph.nodes[missing]),
-        )
-
     @property
     def sentence(self) -> str:
         """How the other answer differs, and what speaks for either, in one line."""
@@ -114,3 +97,20 @@ class Alternative(ReadOnly):
             "rotations": self.rotations.tolist(),
             "sentence": self.sentence,
         }
+
+
+def alternative_from_core(core: dict[str, Any], graph: MeasurementGraph) -> Alternative:
+    """From what the core returns."""
+    group = read_only(core["group"])
+    missing = np.array(core["missing"], dtype=np.intp).reshape(-1, 2)
+    return Alternative(
+        read_only(core["rotations"]),
+        group,
+        read_only(graph.nodes[group > 0]),
+        tuple(Bundle((a, b), *rest) for a, b, *rest in core["bundles"]),
+        core["voices"],
+        core["lead_in_weight"],
+        core["edges"],
+        core["closure"],
+        read_only(graph.nodes[missing]),
+    )
