@@ -53,7 +53,6 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_class_signature = "mixed"
-autodoc_preserve_defaults = True
 autodoc_type_aliases = {name: name for name in ("ArrayLike", "IdArray", "Callback", "Id", "Source")}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False

@@ -13,11 +13,13 @@ from __future__ import annotations
 import re
 import subprocess
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 from docutils import nodes
 from sphinx.application import Sphinx
+from sphinx.domains.cpp import CPPDomain
 from sphinx.util.docutils import SphinxDirective
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -287,7 +289,11 @@ class CppHeaders(SphinxDirective):
         self.env.note_dependency(str(KEPT))
         lines: list[str] = []
         blocks: list[str] = []
-        for file in headers("".join(self.arguments)):
+        folder = "".join(self.arguments)
+        first = ("solve", "certify", folder or "rotavg")  # entry points are called like this
+        for file in sorted(
+            headers(folder), key=lambda file: not Path(location(file)).name.startswith(first)
+        ):
             path = location(file)
             promised = path in kept or path.startswith("rotavg/io/") or "/" not in path[7:]
             (lines if promised else blocks).extend(header(file))
@@ -298,8 +304,19 @@ class CppHeaders(SphinxDirective):
         return self.parse_text_to_nodes("\n".join(lines), allow_section_headings=True)
 
 
+class Names(CPPDomain):
+    """The C++ domain, in whose index and search parameters are no names of their own."""
+
+    def get_objects(self) -> Iterator[tuple[str, str, str, str, str, int]]:
+        """All other names."""
+        for found in super().get_objects():
+            if found[2] not in ("functionParam", "templateParam"):
+                yield found
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register with Sphinx."""
+    app.add_domain(Names, override=True)
     app.connect("builder-inited", run_doxygen)
     app.add_directive("cpp-headers", CppHeaders)
     return {"parallel_read_safe": False, "parallel_write_safe": True}

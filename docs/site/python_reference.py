@@ -29,11 +29,40 @@ def plain(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list
 def readable(
     app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str, returns: str
 ) -> tuple[str, str]:
-    """Names of types as they are written, instead of what Sphinx makes of them in unions."""
-    return tuple(
-        text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text)
-        for text in (signature, returns)
-    )
+    """Types as they are written, instead of what they are made of, and the values of defaults."""
+    if what in ("function", "method", "class") and (written := as_written(obj, what)):
+        return written
+    return signature, returns
+
+
+def as_written(obj: Any, what: str) -> tuple[str, str] | None:
+    """The parameters and the result of a function whose annotations are text."""
+    try:
+        found = inspect.signature(obj)
+    except (TypeError, ValueError):
+        return None
+    parameters = list(found.parameters.values())
+    if what == "method" and parameters and parameters[0].name in ("self", "cls"):
+        parameters = parameters[1:]
+    kinds = [p.annotation for p in parameters if p.annotation is not p.empty]
+    if found.return_annotation is not found.empty:
+        kinds.append(found.return_annotation)
+    if not kinds or not all(isinstance(kind, str) for kind in kinds):
+        return None
+    parts, stars = [], False
+    for p in parameters:
+        if p.kind is p.KEYWORD_ONLY and not stars:
+            parts.append("*")
+        stars |= p.kind in (p.KEYWORD_ONLY, p.VAR_POSITIONAL)
+        part = {p.VAR_POSITIONAL: "*", p.VAR_KEYWORD: "**"}.get(p.kind, "") + p.name
+        part += "" if p.annotation is p.empty else f": {p.annotation}"
+        if p.default is not p.empty:
+            if "<" in repr(p.default):
+                return None
+            part += f" = {p.default!r}"
+        parts.append(part)
+    result = "" if found.return_annotation is found.empty else found.return_annotation
+    return f"({', '.join(parts)})", "" if what == "class" else result
 
 
 def shown(name: str, value: Any) -> list[str]:

@@ -154,7 +154,7 @@ class MeasurementGraph:
         """Graph from relative rotations as Hamilton quaternions (m, 4), of any length but zero.
 
         `order` is "xyzw" (SciPy, g2o, pycolmap) or "wxyz" (COLMAP's files, Eigen's constructor).
-        Everything else is as in the constructor.
+        All else, and the errors, are as in the constructor.
         """
         ids = as_edges(edges)
         return cls(
@@ -191,7 +191,7 @@ class MeasurementGraph:
         """Graph from relative rotations as rotation vectors (m, 3): axis times angle in radians.
 
         With `degrees` the angle is in degrees. Where some are longer than a full turn, `notes` asks
-        whether they are. Everything else is as in the constructor.
+        whether they are. All else, and the errors, are as in the constructor.
         """
         ids = as_edges(edges)
         given, asked = given_rotvecs(ids, rotvecs, degrees=degrees)
@@ -227,8 +227,8 @@ class MeasurementGraph:
     ) -> MeasurementGraph:
         """Graph from a `scipy.spatial.transform.Rotation` of m relative rotations.
 
-        (The constructor understands these, too.) Everything else is as in the constructor, and so
-        are the errors.
+        (The constructor understands these, too.) All else, and the errors, are as in the
+        constructor.
         """
         return cls.from_quaternions(
             edges,
@@ -337,7 +337,7 @@ class MeasurementGraph:
         return self if kept.all() else self.subgraph(self.nodes[kept])
 
     def without_small_components(self, min_nodes: int) -> MeasurementGraph:
-        """The graph of the components with at least so many nodes; GraphError if none is."""
+        """The components with at least `min_nodes` nodes. Raises GraphError if there are none."""
         kept = in_large(self.components(), min_nodes)
         return self if kept.all() else self.subgraph(self.nodes[kept])
 
@@ -359,7 +359,10 @@ class MeasurementGraph:
         )
 
     def with_weights(self, weights: ArrayLike) -> MeasurementGraph:
-        """The same graph with other weights (m,); without the edges whose weight is 0."""
+        """The same graph with other weights (m,); without the edges whose weight is 0.
+
+        Raises GraphError for a weight that the constructor refuses, or where none is left.
+        """
         return _rebuild(*self._parts(weights))
 
     def with_notes(self, *notes: str) -> MeasurementGraph:

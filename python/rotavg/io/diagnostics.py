@@ -24,6 +24,8 @@ def write_diagnostics(path: str | os.PathLike[str], solution: Solution) -> None:
 
     The columns are kind (node, frame or sensor), id, edges, outliers, cost, share (of the
     objective), median_residual_deg and largest_residual_deg (`rotavg.Share`).
+
+    Raises FileAccessError if the file `path` cannot be written; what was there before is untouched.
     """
     diagnosis = diagnose(solution)
     text = io.StringIO()

@@ -71,7 +71,7 @@ class Diagnosis:
         return self._of_rigs(1)
 
     def contradictions(self, most: int | None = None) -> list[int]:
-        """Edges that are outliers, the largest residual first; rows of the graph's edges.
+        """Edges that are outliers, the largest residual first, `most` at most; rows of the graph's.
 
         Without a robust loss, which alone tells outliers, those beyond three times the median.
         """
