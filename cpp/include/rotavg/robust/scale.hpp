@@ -68,7 +68,7 @@ inline std::vector<double> series_residuals(const Series& series, const std::vec
 /// @param x squared residuals of the series of the graph (series_residuals)
 /// @param num_cycles independent cycles of the graph, m - n + components
 inline double noise_scale(const std::vector<double>& x, Index num_cycles) {
-  constexpr std::size_t enough = 20000;
+  constexpr std::size_t enough = 50000;
   const std::size_t stride = (x.size() + enough - 1) / enough;
   std::vector<double> r;
   for (std::size_t k = 0; k < x.size(); k += stride) {
