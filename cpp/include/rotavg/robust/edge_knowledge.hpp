@@ -52,9 +52,7 @@ struct EdgeKnowledge {
     for (std::size_t k = 0; k < scales.size(); ++k) {
       if (scales[k] >= least && scales[k] <= most) continue;
       throw std::invalid_argument("edge " + std::to_string(k) + ": its scale is " +
-                                  six_digits(scales[k]) +
-                                  "; expected a factor between 1e-50 and "
-                                  "1e50");
+                                  six_digits(scales[k]) + "; expected 1e-50 to 1e50");
     }
     for (std::size_t k = 0; k < initial_weights.size(); ++k) {
       if (initial_weights[k] >= 0.0 && initial_weights[k] <= 1.0) continue;
