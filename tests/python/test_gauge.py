@@ -113,3 +113,18 @@ def test_the_command_and_errors(tmp_path: Path) -> None:
     np.testing.assert_allclose(rotavg.karcher_mean(rotations[:12]), np.eye(3), atol=1e-9)
     with pytest.raises(rotavg.OptionError, match="gauge is 'last'; expected 'first' or 'mean'"):
         rotavg.solve(two_parts(), gauge="last")  # type: ignore[arg-type]
+
+
+def test_frames_of_rigs_turn_with_the_mean_gauge() -> None:
+    edges = [("l1", "l2"), ("l2", "l3"), ("r1", "r2"), ("r2", "r3"), ("l1", "r2"), ("r2", "l3")]
+    turns = [[0, 30, 0], [20, 0, 0], [0, 30, 1], [20, 1, 0], [0, 50, 0], [20, -20, 0]]
+    graph = rotavg.MeasurementGraph.from_rotvecs(edges, np.radians(turns))
+    images = {node: (int(node[1]), node[0]) for node in graph.nodes.tolist()}
+    priors = rotavg.Priors(rigs=rotavg.Rigs(images, {"l": np.eye(3)}))
+    start = rotavg.solve(graph, priors=priors)
+    for init in ("auto", np.array(start.rotations)):
+        solution = rotavg.solve(graph, priors=priors, gauge="mean", init=init)
+        assert solution.rigs is not None
+        for node, (frame, sensor) in images.items():
+            rides = solution.rigs.frames[frame] @ solution.rigs.rotation_of[sensor]
+            assert np.abs(rides - solution[node]).max() < 1e-12

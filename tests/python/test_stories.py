@@ -12,6 +12,7 @@ import pytest
 
 import rotavg
 from rotavg.graph.conventions import matrices_from_rotvecs
+from rotavg.report.verdict import statement
 
 
 def folded_ring(n: int = 80, even: bool = False) -> tuple[rotavg.MeasurementGraph, np.ndarray]:
@@ -163,3 +164,31 @@ def test_bundles_tell_the_given_weights() -> None:
         for bundle in story.bundles:
             assert bundle.weight == bundle.edges
             assert bundle.alternative_weight == bundle.alternative_edges
+
+
+def test_the_report_says_in_its_headline_that_another_answer_is_possible() -> None:
+    graph, _ = doubtful()
+    said = statement(rotavg.solve(graph, loss="auto"))
+    assert said.level == "open"
+    assert said.headline.endswith("better; but another answer is possible.")
+    assert said.details[0] == "8 of 236 edges rejected."
+    simulation = rotavg.simulate("complete", 30, noise=0.05, outliers=0.1, seed=1)
+    clear = statement(rotavg.solve(simulation.graph, loss="auto"))
+    assert clear.level == "proved"
+    assert "but" not in clear.headline
+    assert clear.details[0].endswith("of 435 edges rejected.")
+
+
+def test_json_says_of_a_robust_answer_what_is_proved(tmp_path: Path) -> None:
+    rotavg.write(tmp_path / "graph.txt", doubtful()[0])
+    done = subprocess.run(
+        [sys.executable, "-m", "rotavg", "solve", "graph.txt", "--loss", "auto", "--json"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=True,
+    )
+    assert json.loads(done.stdout)["certificate"]["sentence"] == (
+        "proved globally optimal of the least squares on the edges it kept; "
+        "8 of 236 edges rejected, another answer is possible"
+    )

@@ -18,6 +18,7 @@ from rotavg.cli.options import number
 from rotavg.cli.output import print_json, print_table
 from rotavg.colmap.draw import save_picture
 from rotavg.colmap.mapper import Reconstruction, check_new_folder, reconstruct
+from rotavg.solving.printed import verdict_sentence
 
 
 @click.command(
@@ -123,7 +124,7 @@ def _rows(found: Reconstruction) -> list[tuple[str, str]]:
         ("left out", f"{found.dropped} pairs that contradict them"),
     ]
     if solution.certificate is not None:
-        rows.insert(1, ("verdict", solution.certificate.sentence))
+        rows.insert(1, ("verdict", verdict_sentence(solution, solution.certificate)))
     for model in found.models:
         text = f"{model.images} images, {model.points} points, mean reprojection error "
         rows.append((f"model {model.path.name}", f"{text}{model.reprojection_error:.3g} pixels"))

@@ -155,7 +155,7 @@ def _summary(solution: DistributedSolution) -> dict[str, Any]:
         if certificate is None
         else {
             "verdict": str(certificate.verdict),
-            "sentence": certificate.sentence,
+            "sentence": solution.verdict_sentence,
             "gap": certificate.gap,
             "relative_gap": certificate.relative_gap,
             "method": certificate.method,

@@ -11,6 +11,7 @@ import numpy as np
 
 import rotavg
 from rotavg.graph.conventions import quaternions_from_matrices
+from rotavg.solving.printed import verdict_sentence
 from rotavg.solving.uncertainty import rms_degrees
 
 _MOST = 5  # of a kind in the diagnosis
@@ -167,7 +168,7 @@ def summary(
             "failure_probability": c.failure_probability,
             "shortfall": c.shortfall.value,
             "tolerance": c.tolerance,
-            "sentence": c.sentence,
+            "sentence": verdict_sentence(solution, c),
         },
         "residuals": _residuals(solution),
         "robust": _robust(solution),

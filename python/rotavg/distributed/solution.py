@@ -18,6 +18,7 @@ from rotavg.distributed.part import Part
 from rotavg.distributed.rounds import Round
 from rotavg.io import atomic
 from rotavg.solving.certificate import Certificate, Verdict
+from rotavg.solving.printed_robust import proof_sentence
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,16 @@ class DistributedSolution:
         atomic.make_folder(Path(folder))
         self.network.gather(self.network.each(_write, self.rotations, folder=str(folder)))
 
+    @property
+    def verdict_sentence(self) -> str | None:
+        """What is proved, of which edges; None without a certificate."""
+        if self.certificate is None:
+            return None
+        if self.robust is None:
+            return self.certificate.sentence
+        rejected = f"{self.robust.num_outliers} of {self.num_edges} edges rejected"
+        return proof_sentence(self.certificate.sentence, [rejected])
+
     def __str__(self) -> str:
         lines = [
             f"objective       {self.objective:.12g}",
@@ -129,7 +140,7 @@ class DistributedSolution:
                 f"{np.degrees(self.robust.threshold):.3g} deg"
             )
         if self.certificate is not None:
-            lines.append(f"certificate     {self.certificate.sentence}")
+            lines.append(f"certificate     {self.verdict_sentence}")
         return "\n".join(lines)
 
 

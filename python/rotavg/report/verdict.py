@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotavg.solving.certificate import Certificate, Shortfall, Verdict
+from rotavg.solving.printed_robust import doubts_of
 from rotavg.solving.solution import Solution
 
 
@@ -15,7 +16,8 @@ class Statement:
     """The sentence at the top of the page.
 
     Attributes:
-        level: "proved", "estimated", "open" (nothing was refuted) or "failed".
+        level: "proved", "estimated", "open" (nothing was refuted, or an answer that is proved is
+            in doubt for other reasons) or "failed".
         headline: one sentence.
         details: what it means, and what it does not.
     """
@@ -41,6 +43,8 @@ def statement(solution: Solution) -> Statement:
         return _without_certificate(solution)
     held = ", for the final weights of the edges" if is_reweighted(solution) else ""
     priors = "" if solution.grounded is None else " and priors"
+    rejected, doubts = _doubts(solution)
+    but = f"; but {', '.join(doubts)}" if doubts else ""
     if certificate.verdict == Verdict.PROVED:
         how = _PROOFS.get(certificate.method, certificate.method)
         if certificate.method == "factorization":
@@ -51,9 +55,10 @@ def statement(solution: Solution) -> Statement:
             else ""
         )
         return Statement(
-            "proved",
-            f"Proved{held}{chance}: no other rotations fit these measurements{priors} better.",
+            "open" if doubts else "proved",
+            f"Proved{held}{chance}: no other rotations fit these measurements{priors} better{but}.",
             (
+                *rejected,
                 f"{_gap(certificate)}, by {how}, with rounding accounted for.",
                 *_reservations(solution),
             ),
@@ -61,11 +66,24 @@ def statement(solution: Solution) -> Statement:
     if certificate.verdict == Verdict.ESTIMATED:
         return Statement(
             "estimated",
-            f"Very probably optimal{held}: an eigenvalue estimate found no better answer. "
+            f"Very probably optimal{held}: an eigenvalue estimate found no better answer{but}. "
             "This is not a proof.",
-            (f"{_gap(certificate)}, if the estimate is right.", *_reservations(solution)),
+            (
+                *rejected,
+                f"{_gap(certificate)}, if the estimate is right.",
+                *_reservations(solution),
+            ),
         )
     return _not_certified(solution, certificate)
+
+
+def _doubts(solution: Solution) -> tuple[tuple[str, ...], list[str]]:
+    """How many edges a robust loss has rejected, as a sentence, and what else there is to doubt."""
+    if solution.robust is None:
+        return (), []
+    hanging = len(solution.hanging_groups)
+    rejected, *doubts = doubts_of(solution.robust, solution.num_parts_given, hanging)
+    return (f"{rejected}.",), doubts
 
 
 def _without_certificate(solution: Solution) -> Statement:

@@ -37,4 +37,10 @@ def in_mean_gauge(solution: Solution, start: NDArray[np.float64] | None) -> Solu
             for story in robust.alternatives
         )
         robust = replace(robust, alternatives=tuple(turned))
-    return replace(solution, rotations=read_only(turns @ rotations), robust=robust)
+    rigs = solution.rigs
+    if rigs is not None:
+        row = {node: k for k, node in enumerate(solution.graph.nodes.tolist())}
+        turn_of = {frame: turns[row[node]] for node, (frame, _) in rigs.images.items()}
+        frames = {frame: read_only(turn_of[frame] @ Q) for frame, Q in rigs.frames.items()}
+        rigs = replace(rigs, frames=frames)
+    return replace(solution, rotations=read_only(turns @ rotations), robust=robust, rigs=rigs)

@@ -6,7 +6,7 @@ import numpy as np
 
 from rotavg.solving.certificate import Certificate, Verdict
 from rotavg.solving.contamination import contamination_of
-from rotavg.solving.printed_robust import proof_sentence, robust_rows
+from rotavg.solving.printed_robust import doubts_of, proof_sentence, robust_rows
 from rotavg.solving.solved import Solved
 from rotavg.solving.uncertainty import beyond_half_a_turn, rms_degrees
 
@@ -49,13 +49,14 @@ def _proof(solution: Solved) -> Rows:
     if c is None:
         return [("verdict", "not asked for")]
     return [
-        ("verdict", _verdict_sentence(solution, c)),
+        ("verdict", verdict_sentence(solution, c)),
         ("gap", f"at most {c.gap:.2g} above the optimum, relative {c.relative_gap:.2g}"),
         ("lambda_min", f"{c.lambda_min + 0.0:.2g}"),
     ]
 
 
-def _verdict_sentence(solution: Solved, c: Certificate) -> str:
+def verdict_sentence(solution: Solved, c: Certificate) -> str:
+    """What the certificate `c` of a solution says, of what, and what speaks against the answer."""
     if c.verdict == Verdict.NOT_CERTIFIED and not solution.status.converged:
         return "not certified: not converged yet"
     held = ""
@@ -65,12 +66,9 @@ def _verdict_sentence(solution: Solved, c: Certificate) -> str:
         held = " of the headings, with gravity held"
     if solution.robust is None:
         return f"{c.sentence}{held}"
-    return proof_sentence(
-        solution.robust,
-        f"{c.sentence}{held}",
-        solution.num_parts_given,
-        len(solution.hanging_groups),
-    )
+    hanging = len(solution.hanging_groups)
+    doubts = doubts_of(solution.robust, solution.num_parts_given, hanging)
+    return proof_sentence(f"{c.sentence}{held}", doubts)
 
 
 def _figures(solution: Solved) -> Rows:

@@ -73,17 +73,20 @@ def robust_rows(fit: RobustFit, num_parts_given: int) -> list[tuple[str, str]]:
     return rows
 
 
-def proof_sentence(fit: RobustFit, sentence: str, num_parts_given: int, hanging: int = 0) -> str:
-    """What a certificate proves of the answer, `sentence`, and what speaks against it.
+def proof_sentence(sentence: str, doubts: list[str]) -> str:
+    """What a certificate proves of the answer, `sentence`, and what speaks against it."""
+    return f"{sentence} of the least squares on the edges it kept; {', '.join(doubts)}"
+
+
+def doubts_of(fit: RobustFit, num_parts_given: int, hanging: int = 0) -> list[str]:
+    """What speaks against an answer, in a few words each: first how many edges were rejected.
 
     Args:
         fit: what it has made of the edges.
-        sentence: what is proved.
         num_parts_given: how many parts there are if no edge is an outlier.
         hanging: how many groups of nodes nothing checks against the rest.
     """
     rejected = int((~np.isin(fit.edge_verdicts, ("inlier", "bridge", "trusted"))).sum())
-    said = f"{sentence} of the least squares on the edges it kept"
     doubts = [f"{rejected} of {len(fit.edge_verdicts)} edges rejected"]
     weak = fit.num_parts - num_parts_given
     if weak > 0:
@@ -94,4 +97,4 @@ def proof_sentence(fit: RobustFit, sentence: str, num_parts_given: int, hanging:
         some = len(fit.alternatives)
         answers = "another answer is" if some == 1 else f"{some} other answers are"
         doubts.append(f"{answers} possible")
-    return f"{said}; {', '.join(doubts)}"
+    return doubts
