@@ -10,7 +10,7 @@
 #include <rotavg/init/rig_start.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/reduction/rig_layout.hpp>
-#include <rotavg/robust/refine_sensors.hpp>
+#include <rotavg/robust/refine_sensors_impl.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/solve_rigs.hpp>
 #include <rotavg/robust/solve_robust_with_priors_impl.hpp>
