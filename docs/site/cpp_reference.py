@@ -295,7 +295,11 @@ class CppHeaders(SphinxDirective):
             headers(folder), key=lambda file: not Path(location(file)).name.startswith(first)
         ):
             path = location(file)
-            promised = path in kept or path.startswith("rotavg/io/") or "/" not in path[7:]
+            promised = (
+                path in kept
+                or path.startswith("rotavg/io/")
+                or "/" not in path.removeprefix("rotavg/")
+            )
             (lines if promised else blocks).extend(header(file))
             self.env.note_dependency(str(ROOT / "cpp" / "include" / path))
         if lines and blocks:

@@ -41,8 +41,9 @@ TEST_CASE(
 TEST_CASE("edges that are excluded have no say in what other answers there are") {
   Random random;
   INFO(random.replay());
+  std::size_t told = 0;
   for (int repeat = 0; repeat < 3; ++repeat) {
-    test::Folded ring = test::folded_ring(random, 60, 0.002, 5, 2);
+    test::Folded ring = test::folded_ring(random, 60, 0.002, 3, 2);
     for (RelativeRotation& m : ring.measurements) m.weight = 1.0;
     const MeasurementGraph without(ring.measurements);
     // Some of those agree on a turn, so that they would be one more story.
@@ -64,6 +65,7 @@ TEST_CASE("edges that are excluded have no say in what other answers there are")
     CHECK(b.noise == doctest::Approx(a.noise));
     CHECK(largest_error(b.rotations, a.rotations) < 1e-3);
     REQUIRE(b.alternatives.size() == a.alternatives.size());
+    told += a.alternatives.size();
     for (std::size_t k = 0; k < a.alternatives.size(); ++k) {
       const Alternative &of_a = a.alternatives[k], &of_b = b.alternatives[k];
       CHECK(of_b.num_different() == of_a.num_different());
@@ -75,6 +77,7 @@ TEST_CASE("edges that are excluded have no say in what other answers there are")
       }
     }
   }
+  CHECK(told > 0);
 }
 
 TEST_CASE("a camera trusts eight edges, fewer where cameras or edges are few, and at least four") {

@@ -20,6 +20,7 @@
 #include <rotavg/solve/monitor.hpp>
 
 #include "support/contaminated.hpp"
+#include "support/folded_ring.hpp"
 #include "support/graphs.hpp"
 #include "support/random.hpp"
 
@@ -194,7 +195,8 @@ TEST_CASE("the results are the same bits for any number of threads") {
   const auto large = contaminated(random, test::complete(141), 0.05, 0.3);
   const auto sparse = contaminated(random, test::random_connected(random, 3000, 12000), 0.05, 0.4);
   REQUIRE(large.graph.num_edges() % 4 != 0);
-  for (const MeasurementGraph* graph : {&large.graph, &sparse.graph}) {
+  const MeasurementGraph folded(test::folded_ring(random, 80, 0.002, 6, 1).measurements);
+  for (const MeasurementGraph* graph : {&large.graph, &sparse.graph, &folded}) {
     SolveOptions options;
     options.iteration.num_threads = 1;
     const RobustSolution one = solve_robust(*graph, options);
@@ -253,7 +255,9 @@ TEST_CASE("noise that was taken for too much is looked at again, and the scale f
   }
   // A scale that was given stays.
   RobustRun again(graph, options, series_of(graph), {}, Stopwatch());
-  CHECK(settle(again, {Loss::automatic, 0.03}, freedom, consensus, {}, 500).loss.scale == 0.03);
+  const Settling given = settle(again, {Loss::automatic, 0.03}, freedom, consensus, {}, 500);
+  CHECK(given.loss.scale == 0.03);
+  CHECK(given.noise == doctest::Approx(0.01).epsilon(0.2));
 }
 
 TEST_CASE("two groups that only wrong edges join are weak parts, and stay one component") {

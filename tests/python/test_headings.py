@@ -16,6 +16,7 @@ import rotavg
 from rotavg.cli.main import commands
 from rotavg.graph.conventions import matrices_from_rotvecs
 from rotavg.io.gravity import write_gravity
+from rotavg.report.verdict import statement
 
 G = np.array([0.0, 1.0, 0.0])
 
@@ -192,3 +193,24 @@ def test_what_rigs_join_is_one_component() -> None:
     assert solution.robust.num_parts == 1
     assert solution.hanging_groups == []
     assert "gauge of its own" not in str(solution)
+
+
+def test_gravity_does_not_refute_edges_for_being_heavy() -> None:
+    rng = np.random.default_rng(2)
+    turns = np.zeros((30, 3))
+    turns[:, 1] = rng.uniform(-3, 3, 30)
+    truth = Rotation.from_rotvec(turns).as_matrix()
+    edges = np.array([(i, j) for i in range(30) for j in range(i + 1, 30) if rng.random() < 0.5])
+    i, j = edges.T
+    weights = 10 ** rng.uniform(0, 4, len(edges))
+    noise = rng.normal(size=(len(edges), 3)) * (0.01 / np.sqrt(weights))[:, None]
+    measured = np.swapaxes(truth[i], 1, 2) @ truth[j] @ Rotation.from_rotvec(noise).as_matrix()
+    graph = rotavg.MeasurementGraph(edges, measured, weights)
+    tips = Rotation.from_rotvec(np.radians(1) * rng.normal(size=(30, 3))).as_matrix()
+    gravity = {k: (tips[k] @ truth[k].T @ [0, 1, 0], 1.0) for k in range(30)}
+    solution = rotavg.solve_headings(graph, rotavg.Priors(gravity=gravity), loss="auto")
+    heavy = weights > np.median(weights)
+    assert solution.is_outlier[heavy].mean() < 0.25
+    sentence = next(line for line in str(solution).splitlines() if "verdict" in line)
+    assert "of the headings, with gravity held; on the edges it kept, " in sentence
+    assert "of the headings, with gravity held" in statement(solution).headline

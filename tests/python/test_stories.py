@@ -192,3 +192,32 @@ def test_json_says_of_a_robust_answer_what_is_proved(tmp_path: Path) -> None:
         "proved globally optimal of the least squares on the edges it kept; "
         "8 of 236 edges rejected, another answer is possible"
     )
+
+
+def test_doubts_are_told_without_a_proof_as_well() -> None:
+    graph, _ = doubtful()
+    for settings in ({"certify": False}, {"certificate_tolerance": 0.0}):
+        said = statement(rotavg.solve(graph, loss="auto", **settings))
+        assert any("another answer is possible" in detail for detail in said.details)
+    missed = rotavg.solve(graph, loss="auto", certificate_tolerance=0.0)
+    sentence = next(line for line in str(missed).splitlines() if "verdict" in line)
+    assert "; on the edges it kept, 8 of 236 edges rejected" in sentence
+
+
+def test_a_search_that_is_stopped_tells_no_answers_that_are_half_made() -> None:
+    graph, _ = doubtful()
+    whole = rotavg.solve(graph, loss="auto")
+    assert whole.robust is not None
+    for stop in range(1, 60):
+        calls = 0
+
+        def callback(progress: rotavg.Progress) -> bool:
+            nonlocal calls
+            calls += 1
+            return calls < stop  # noqa: B023
+
+        found = rotavg.solve(graph, loss="auto", callback=callback).robust
+        assert found is not None
+        for story in found.alternatives:
+            known = [other.group.tolist() for other in whole.robust.alternatives]
+            assert story.group.tolist() in known

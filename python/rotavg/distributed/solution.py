@@ -118,13 +118,16 @@ class DistributedSolution:
 
     @property
     def verdict_sentence(self) -> str | None:
-        """What is proved, of which edges; None without a certificate."""
+        """What is proved, of which edges; None without a certificate.
+
+        (Weak parts, and other answers that are possible, are not looked for across workers.)
+        """
         if self.certificate is None:
             return None
         if self.robust is None:
             return self.certificate.sentence
-        rejected = f"{self.robust.num_outliers} of {self.num_edges} edges rejected"
-        return proof_sentence(self.certificate.sentence, [rejected])
+        count = f"{self.robust.num_outliers} of {self.num_edges} edges rejected"
+        return proof_sentence(self.certificate.sentence, [count])
 
     def __str__(self) -> str:
         lines = [

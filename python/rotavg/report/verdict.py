@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotavg.solving.certificate import Certificate, Shortfall, Verdict
-from rotavg.solving.printed_robust import doubts_of
+from rotavg.solving.printed import of_what
+from rotavg.solving.printed_robust import doubts_of, rejected
 from rotavg.solving.solution import Solution
 
 
@@ -41,9 +42,10 @@ def statement(solution: Solution) -> Statement:
     certificate = solution.certificate
     if certificate is None:
         return _without_certificate(solution)
-    held = ", for the final weights of the edges" if is_reweighted(solution) else ""
+    held = of_what(solution)
+    held += ", for the final weights of the edges" if is_reweighted(solution) else ""
     priors = "" if solution.grounded is None else " and priors"
-    rejected, doubts = _doubts(solution)
+    some, doubts = _doubts(solution)
     but = f"; but {', '.join(doubts)}" if doubts else ""
     if certificate.verdict == Verdict.PROVED:
         how = _PROOFS.get(certificate.method, certificate.method)
@@ -58,7 +60,7 @@ def statement(solution: Solution) -> Statement:
             "open" if doubts else "proved",
             f"Proved{held}{chance}: no other rotations fit these measurements{priors} better{but}.",
             (
-                *rejected,
+                *some,
                 f"{_gap(certificate)}, by {how}, with rounding accounted for.",
                 *_reservations(solution),
             ),
@@ -69,7 +71,7 @@ def statement(solution: Solution) -> Statement:
             f"Very probably optimal{held}: an eigenvalue estimate found no better answer{but}. "
             "This is not a proof.",
             (
-                *rejected,
+                *some,
                 f"{_gap(certificate)}, if the estimate is right.",
                 *_reservations(solution),
             ),
@@ -79,17 +81,28 @@ def statement(solution: Solution) -> Statement:
 
 def _doubts(solution: Solution) -> tuple[tuple[str, ...], list[str]]:
     """How many edges a robust loss has rejected, as a sentence, and what else there is to doubt."""
-    if solution.robust is None:
+    fit = solution.robust
+    if fit is None:
         return (), []
-    hanging = len(solution.hanging_groups)
-    rejected, *doubts = doubts_of(solution.robust, solution.num_parts_given, hanging)
-    return (f"{rejected}.",), doubts
+    doubts = doubts_of(fit, solution.num_parts_given, len(solution.hanging_groups))
+    return (f"{rejected(fit)}.",), doubts
+
+
+def _all_doubts(solution: Solution) -> tuple[str, ...]:
+    """All of that in one sentence; none without a robust loss."""
+    if solution.robust is None:
+        return ()
+    count, doubts = _doubts(solution)
+    return (", ".join([*(c.rstrip(".") for c in count), *doubts]) + ".",)
 
 
 def _without_certificate(solution: Solution) -> Statement:
     if solution.anisotropic == "log" and solution.isotropic is not None:
         return _refined(solution, solution.isotropic.certificate)
-    details = ("No certificate was asked for: how far this is from the optimum is not known.",)
+    details = (
+        "No certificate was asked for: how far this is from the optimum is not known.",
+        *_all_doubts(solution),
+    )
     if solution.status.converged:
         return Statement("open", "Converged to a stationary point; optimality unknown.", details)
     return Statement("failed", f"Not solved: {solution.status}.", details)
@@ -112,6 +125,7 @@ def _refined(solution: Solution, start: Certificate | None) -> Statement:
 
 def _not_certified(solution: Solution, certificate: Certificate) -> Statement:
     bound = (f"{_gap(certificate)}.",) if np.isfinite(certificate.gap) else ()
+    bound = (*_all_doubts(solution), *bound)
     if not solution.status.converged:
         headline = f"Not solved: {solution.status}."
         return Statement("failed", headline, (*bound, "Let it run longer, or try another method."))

@@ -250,14 +250,15 @@ def _refuted_by_gravity(
 ) -> NDArray[np.bool_]:
     """(m,) edges whose ends hang too differently for noise; none without a robust loss.
 
-    Their noise is that of `rotavg.solve`, docs/robust.md: the fixed point s of s = median of those
-    below 3 s (over that of a normal distribution), reached from below.
+    A heavy edge is judged like one of the median weight: gravity errs, too, whatever the edges.
+    The noise is told as that of `rotavg.solve` is (docs/robust.md): the fixed point s of s = median
+    of those below 3 s (over that of a normal distribution), from the smallest tenth.
     """
     if settings.get("loss", "l2") == "l2":
         return np.zeros(graph.num_edges, bool)
     judged = headings.tilt.copy()
     if settings.get("weight_kind", "auto") != "frequency":
-        judged *= np.sqrt(graph.weights / np.median(graph.weights))
+        judged *= np.sqrt(np.minimum(1.0, graph.weights / np.median(graph.weights)))
     r = np.sort(judged[headings.tells])
     noise = max(_LEAST_NOISE, float(r[len(r) // 10]) / _TENTH_OF_HALF_NORMAL)
     for _ in range(100):
@@ -266,8 +267,7 @@ def _refuted_by_gravity(
         if abs(noise - last) <= 1e-9 * noise:
             break
     scale = settings.get("loss_scale", "auto")
-    threshold = max(3 * noise, 0.0 if isinstance(scale, str) else float(scale))
-    return np.asarray(headings.tells & (judged > threshold))
+    return np.asarray(judged > max(3 * noise, 0.0 if isinstance(scale, str) else float(scale)))
 
 
 def _of_graph(
@@ -289,6 +289,7 @@ def _of_graph(
     ends = fit.part[headings.frame_of][graph.indices]
     apart = ends[:, 0] != ends[:, 1]
     verdicts[refuted] = np.where(apart[refuted], "weak_part", "robust_weight")
+    weights[~tells & (verdicts != "inlier")] *= _LEAST_SHARE
     return replace(
         fit,
         edge_weights=read_only(weights),

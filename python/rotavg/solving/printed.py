@@ -6,7 +6,12 @@ import numpy as np
 
 from rotavg.solving.certificate import Certificate, Verdict
 from rotavg.solving.contamination import contamination_of
-from rotavg.solving.printed_robust import doubts_of, proof_sentence, robust_rows
+from rotavg.solving.printed_robust import (
+    doubts_of,
+    proof_sentence,
+    rejected,
+    robust_rows,
+)
 from rotavg.solving.solved import Solved
 from rotavg.solving.uncertainty import beyond_half_a_turn, rms_degrees
 
@@ -59,16 +64,19 @@ def verdict_sentence(solution: Solved, c: Certificate) -> str:
     """What the certificate `c` of a solution says, of what, and what speaks against the answer."""
     if c.verdict == Verdict.NOT_CERTIFIED and not solution.status.converged:
         return "not certified: not converged yet"
-    held = ""
-    if solution.rigs is not None and solution.rigs.estimated.any():
-        held = " of the frames with the estimated sensors held"
-    if solution.upright:
-        held = " of the headings, with gravity held"
+    held = of_what(solution)
     if solution.robust is None:
         return f"{c.sentence}{held}"
     hanging = len(solution.hanging_groups)
     doubts = doubts_of(solution.robust, solution.num_parts_given, hanging)
-    return proof_sentence(f"{c.sentence}{held}", doubts)
+    return proof_sentence(f"{c.sentence}{held}", [rejected(solution.robust), *doubts])
+
+
+def of_what(solution: Solved) -> str:
+    """What a proof is of, where it is not of all rotations."""
+    if solution.rigs is not None and solution.rigs.estimated.any():
+        return " of the frames with the estimated sensors held"
+    return " of the headings, with gravity held" if solution.upright else ""
 
 
 def _figures(solution: Solved) -> Rows:

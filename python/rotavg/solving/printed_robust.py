@@ -74,20 +74,30 @@ def robust_rows(fit: RobustFit, num_parts_given: int) -> list[tuple[str, str]]:
 
 
 def proof_sentence(sentence: str, doubts: list[str]) -> str:
-    """What a certificate proves of the answer, `sentence`, and what speaks against it."""
-    return f"{sentence} of the least squares on the edges it kept; {', '.join(doubts)}"
+    """What a certificate says (`sentence`) of a robust answer, and what is in doubt.
+
+    A proof that is of all rotations is of the least squares; other sentences have an end already.
+    """
+    of_all = sentence.startswith("proved") and " of the " not in sentence
+    kept = " of the least squares on the edges it kept; "
+    return f"{sentence}{kept if of_all else '; on the edges it kept, '}{', '.join(doubts)}"
 
 
-def doubts_of(fit: RobustFit, num_parts_given: int, hanging: int = 0) -> list[str]:
-    """What speaks against an answer, in a few words each: first how many edges were rejected.
+def rejected(fit: RobustFit) -> str:
+    """How many edges it has rejected."""
+    count = int((~np.isin(fit.edge_verdicts, ("inlier", "bridge", "trusted"))).sum())
+    return f"{count} of {len(fit.edge_verdicts)} edges rejected"
+
+
+def doubts_of(fit: RobustFit, num_parts_given: int, hanging: int) -> list[str]:
+    """What speaks against an answer, in a few words each.
 
     Args:
         fit: what it has made of the edges.
         num_parts_given: how many parts there are if no edge is an outlier.
         hanging: how many groups of nodes nothing checks against the rest.
     """
-    rejected = int((~np.isin(fit.edge_verdicts, ("inlier", "bridge", "trusted"))).sum())
-    doubts = [f"{rejected} of {len(fit.edge_verdicts)} edges rejected"]
+    doubts = []
     weak = fit.num_parts - num_parts_given
     if weak > 0:
         doubts.append(f"{weak} part{'s' * (weak > 1)} on rejected edges only")

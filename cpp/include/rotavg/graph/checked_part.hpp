@@ -28,13 +28,15 @@ class CheckedPart {
   /// @param left_out (m,) edges that close no cycles, but are no bridges either; empty for none.
   ///        Where all are, nothing is.
   CheckedPart(const MeasurementGraph& graph, std::vector<bool> left_out)
-      : graph_(graph), series_(series_of(graph, left_out)), left_out_(std::move(left_out)) {
+      : graph_(graph), left_out_(std::move(left_out)) {
+    const bool keeps_none = std::find(left_out_.begin(), left_out_.end(), false) == left_out_.end();
+    if (keeps_none) left_out_.clear();
+    series_ = series_of(graph, left_out_);
     std::vector<bool> joined(static_cast<std::size_t>(graph.num_nodes()), false);
     const bool forest = std::find_if(series_.label.begin(), series_.label.end(),
                                      [](Index s) { return s >= 0; }) == series_.label.end();
-    const bool none = std::find(left_out_.begin(), left_out_.end(), false) == left_out_.end();
     for (Index k = 0; k < graph.num_edges(); ++k) {
-      if ((is_bridge(k) && !forest) || (is_left_out(k) && !none)) continue;
+      if ((is_bridge(k) && !forest) || is_left_out(k)) continue;
       const Edge& e = graph.edges()[k];
       edges_.push_back(k);
       joined[e.i] = joined[e.j] = true;

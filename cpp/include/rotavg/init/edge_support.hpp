@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <functional>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -18,8 +19,6 @@ namespace rotavg {
 /// The other ways to get from one end of an edge to the other: by two more edges, which make a
 /// triangle with it, or by one parallel to it.
 class Detours {
-  static constexpr Index most_parallel = 8;
-
  public:
   explicit Detours(const MeasurementGraph& graph) {
     edges_.reserve(graph.edges().size());
@@ -38,8 +37,10 @@ class Detours {
 
   /// Calls visit(distance2, weight) for the detours of an edge, with the squared distance between
   /// the unit quaternions of the detour and of the edge (about a quarter of the angle's square),
-  /// and the detour's weight, 1 / (1 / w + 1 / w') for two edges as variances add up. Where an end
-  /// has many neighbours, only some of them, evenly spaced, are tried.
+  /// and the detour's weight, 1 / (1 / w + 1 / w') for two edges as variances add up. By every
+  /// third node there is one: of edges that are parallel there, those that agree best, as they are
+  /// no detours of their own where what they share is wrong. Where an end has many neighbours, only
+  /// some of them, evenly spaced, are tried.
   /// @returns of how many neighbours one was tried
   template <typename Visit>
   Index visit(Index edge, Visit&& visit) const {
@@ -48,26 +49,20 @@ class Detours {
     const bool from_i = of_i == of_j ? e.i < e.j : of_i < of_j;  // whichever way it was measured
     const Index a = from_i ? e.i : e.j, b = from_i ? e.j : e.i;
     const auto& starts = neighbours_[a];
-    const auto& ends = neighbours_[b];
     const auto size = static_cast<Index>(starts.size());
     const Index stride = (size + probes_ - 1) / probes_;
     const Quaternion a_from_b = e.from(a);
+    Index last = -1;  // third node
     for (Index k = edge % stride; k < size; k += stride) {
       const auto [node, first] = starts[k];
-      if (first == edge) continue;
-      const UnitEdge& there = edges_[first];
       if (node == b) {
+        if (first == edge) continue;
+        const UnitEdge& there = edges_[first];
         visit(squared_distance(there.from(a), a_from_b), there.weight);
-        continue;
+      } else if (node != last) {
+        best_by(node, a, b, a_from_b, visit);
       }
-      auto found = std::lower_bound(ends.begin(), ends.end(), std::make_pair(node, Index{0}));
-      // Of edges parallel to the second some are tried, too.
-      for (Index tried = 0; tried < most_parallel; ++tried, ++found) {
-        if (found == ends.end() || found->first != node) break;
-        const UnitEdge& back = edges_[found->second];
-        visit(squared_distance(Quaternion(product(there.from(a), back.from(node))), a_from_b),
-              there.weight / (1.0 + there.weight / back.weight));
-      }
+      last = node;
     }
     return stride;
   }
@@ -81,9 +76,41 @@ class Detours {
     Quaternion from(Index a) const { return a == i ? i_from_j : i_from_j.conjugate(); }
   };
 
+  /// Visits the detour from a to b by this node that agrees best, if there is any.
+  template <typename Visit>
+  void best_by(Index node, Index a, Index b, const Quaternion& a_from_b, Visit&& visit) const {
+    const auto [there, there_end] = parallel(a, node);
+    const auto [back, back_end] = parallel(b, node);
+    double least = std::numeric_limits<double>::infinity(), weight = 0.0;
+    for (auto p = there; p != there_end; ++p) {
+      for (auto q = back; q != back_end; ++q) {
+        const UnitEdge &first = edges_[p->second], &second = edges_[q->second];
+        const double distance2 =
+            squared_distance(Quaternion(product(first.from(a), second.from(node))), a_from_b);
+        if (!(distance2 < least)) continue;
+        least = distance2;
+        weight = first.weight / (1.0 + first.weight / second.weight);
+      }
+    }
+    if (weight > 0.0) visit(least, weight);
+  }
+
+  using Neighbours = std::vector<std::pair<Index, Index>>;  ///< (node, edge), rising
+
+  /// The edges between two nodes, eight at most.
+  std::pair<Neighbours::const_iterator, Neighbours::const_iterator> parallel(Index l,
+                                                                             Index node) const {
+    constexpr std::ptrdiff_t most = 8;
+    const Neighbours& row = neighbours_[l];
+    const auto first = std::lower_bound(row.begin(), row.end(), std::make_pair(node, Index{0}));
+    auto end = first;
+    while (end != row.end() && end - first < most && end->first == node) ++end;
+    return {first, end};
+  }
+
   std::vector<UnitEdge> edges_;
-  std::vector<std::vector<std::pair<Index, Index>>> neighbours_;  // (node, edge), rising
-  Index probes_ = 0;                                              // at most, for an edge
+  std::vector<Neighbours> neighbours_;
+  Index probes_ = 0;  // at most, for an edge
 };
 
 /// How much the graph says for each measurement: its own weight, and the weights of its detours,

@@ -16,8 +16,8 @@
 
 namespace rotavg {
 
-/// What the short cycles through an edge say of it: those of three edges, and of two that are
-/// parallel (Zach, Klopschitz and Pollefeys 2010).
+/// What the short cycles through an edge say of it: those of three edges, one by every third node,
+/// and of two that are parallel (Zach, Klopschitz and Pollefeys 2010).
 struct CycleEvidence {
   Index checked = 0;   ///< cycles that were looked at
   Index agreeing = 0;  ///< of these, cycles whose rotations miss the identity by no more than the

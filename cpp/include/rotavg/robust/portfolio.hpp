@@ -99,6 +99,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   if (uneven) relative = relative_weights(graph, run.given());
   const std::vector<double> overlap = neighbourhoods.overlap(run.given());
   const std::vector<double> strength = shared_strongest(graph, neighbourhoods, overlap);
+  if (!search.goes_on()) return as_it_is();  // before all was looked at
   const Evidence evidence(graph, strength, relative);
   search.compare_by(evidence);
   if (one_story && !search.voices_contradict() &&
@@ -166,7 +167,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
     search.add_tree("the tree of rejected edges that agree", with_first(strength, turn), ballots);
   }
   search.turn_sides();
-  search.add_other_places();
+  if (search.goes_on()) search.add_other_places();
 
   // 5.
   return search.result();

@@ -31,9 +31,9 @@ constexpr int most_reweightings = 500;
 /// given or that goes with the noise.
 ///
 /// Where l1 has not come far, as on large graphs, the noise was taken for more than it is. So it is
-/// looked at again where the loss has settled roughly, and the scale falls with it if it is less
-/// than half. (Where few series of edges are checked, a loss that bends off meets many exactly,
-/// which is no sign of less noise: there those count that no tree can meet.)
+/// looked at again where the loss has settled roughly, and if it is less than half the scale falls
+/// with it, unless it was given. (Where few series of edges are checked, a loss that bends off
+/// meets many exactly, which is no sign of less noise: there those count that no tree can meet.)
 ///
 /// If the objective was lower at an earlier answer, it goes on from there; but not of huber and l1,
 /// which never stop growing as fast as r: there a lower objective is the pull of the outliers.
@@ -41,7 +41,8 @@ constexpr int most_reweightings = 500;
 /// @param asked its scale is zero where it goes with the noise
 /// @param freedom Series::freedom
 /// @param earlier answers
-/// @param limit of the reweightings, before and after the noise is looked at again
+/// @param limit of the reweightings, before and after the noise is looked at again, and from an
+///        earlier answer
 inline Settling settle(RobustRun& run, const RobustLoss& asked, double freedom,
                        const Consensus& consensus, const std::vector<Rotations>& earlier,
                        int limit) {
@@ -57,11 +58,9 @@ inline Settling settle(RobustRun& run, const RobustLoss& asked, double freedom,
   result = run.reweighted(R, loss, rough_gain, limit);
   const double noise_now = freedom > nearly_all ? run.noise_at(result.rotations)
                                                 : run.noise_off_tree_at(result.rotations);
-  const bool rescales = asked.scale == 0.0 && noise_now < much_less * noise;
-  if (rescales) {
-    loss.scale *= noise_now / noise;
-    noise = noise_now;
-  }
+  const bool less = noise_now < much_less * noise, rescales = less && asked.scale == 0.0;
+  if (rescales) loss.scale *= noise_now / noise;
+  if (less) noise = noise_now;
   IterationResult rest = run.reweighted(result.rotations, loss, detail::settled_gain, limit);
   if (rescales) {
     result = std::move(rest);
@@ -71,8 +70,7 @@ inline Settling settle(RobustRun& run, const RobustLoss& asked, double freedom,
   const bool redescends = loss.kind != Loss::huber && loss.kind != Loss::l1;
   for (const Rotations& other : earlier) {
     if (!redescends || !(run.objective_at(other, loss) < result.objective)) continue;
-    IterationResult second =
-        run.reweighted(other, loss, detail::settled_gain, detail::most_reweightings);
+    IterationResult second = run.reweighted(other, loss, detail::settled_gain, limit);
     if (second.objective < result.objective) result = std::move(second);
   }
   return settled;

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -56,6 +58,43 @@ struct Sides {
   std::vector<std::vector<Ballot>> ballots;  ///< of outliers, for every part
 };
 
+/// An outlier whose ends lie in two parts, where the path between these turns, and how many sides
+/// it has a voice on.
+struct Voter {
+  Index edge, top, sides;
+};
+
+/// Where paths are long, as on a chain of poses, all voices would take time and memory like the
+/// square of its length. So of those with the longest paths some are heard, so that they have no
+/// more than a million or two, a hundred bytes each; which, their order does not tell.
+inline std::vector<Voter> heard(std::vector<Voter> voters) {
+  constexpr double most_voices = 5e5;  // of the short paths, and about as many of the long ones
+  double all = 0.0;
+  for (const Voter& v : voters) all += v.sides;
+  if (all <= 2.0 * most_voices) return voters;
+  std::vector<Index> lengths;
+  for (const Voter& v : voters) lengths.push_back(v.sides);
+  std::sort(lengths.begin(), lengths.end());
+  double short_ones = 0.0;
+  Index longest = 0;
+  for (const Index length : lengths) {
+    if (short_ones + length > most_voices) break;
+    short_ones += length;
+    longest = length;
+  }
+  // Those of just this length may be many: they count as long.
+  short_ones = 0.0;
+  for (const Voter& v : voters) short_ones += v.sides < longest ? v.sides : 0;
+  const double share = most_voices / (all - short_ones);
+  const double bound = share * static_cast<double>(std::numeric_limits<std::uint64_t>::max());
+  const auto silent = [&](const Voter& v) {
+    return v.sides >= longest &&
+           static_cast<double>(scrambled(static_cast<std::uint64_t>(v.edge))) >= bound;
+  };
+  voters.erase(std::remove_if(voters.begin(), voters.end(), silent), voters.end());
+  return voters;
+}
+
 /// @param x, precision, threshold, R as of take_part_votes
 inline Sides sides_of(const MeasurementGraph& graph, const std::vector<double>& precision,
                       const std::vector<double>& x, double threshold, const Rotations& R) {
@@ -103,30 +142,27 @@ inline Sides sides_of(const MeasurementGraph& graph, const std::vector<double>& 
   }
 
   // An outlier has a voice on every side whose cut it crosses, those on the path between its ends.
-  // Where paths are long, as on a chain of poses, so few have one that there are no more voices
-  // than this: some tens of megabytes.
-  constexpr double most_voices = 1e6;
   const CommonAncestors common(parent, order);
-  std::vector<std::pair<Index, Index>> voters;  // edges, and where their paths turn
-  double voices = 0.0;
+  std::vector<Voter> voters;
   for (Index k = 0; k < graph.num_edges(); ++k) {
     const Index i = part[graph.edges()[k].i], j = part[graph.edges()[k].j];
     if (!left_out[k] || i == j || !(units(k) > 0.0)) continue;
     const Index top = common(i, j);
     if (top < 0) continue;  // of two trees
-    voters.emplace_back(k, top);
-    voices += common.depth(i) + common.depth(j) - 2.0 * common.depth(top);
+    voters.push_back({k, top, common.depth(i) + common.depth(j) - 2 * common.depth(top)});
   }
   sides.ballots.resize(parts);
-  const std::size_t stride = 1 + static_cast<std::size_t>(voices / most_voices);
-  for (std::size_t voter = 0; voter < voters.size(); voter += stride) {
-    const auto [k, top] = voters[voter];
-    const Edge& e = graph.edges()[k];
+  for (const Voter& voter : heard(std::move(voters))) {
+    const Edge& e = graph.edges()[voter.edge];
     const Matrix3 of_j = R[e.i] * e.i_from_j() * R[e.j].transpose();
     const Matrix3 of_i = of_j.transpose();
-    const double most2 = threshold2 / units(k);
-    for (Index p = part[e.i]; p != top; p = parent[p]) sides.ballots[p].push_back({of_i, most2, k});
-    for (Index p = part[e.j]; p != top; p = parent[p]) sides.ballots[p].push_back({of_j, most2, k});
+    const double most2 = threshold2 / units(voter.edge);
+    for (Index p = part[e.i]; p != voter.top; p = parent[p]) {
+      sides.ballots[p].push_back({of_i, most2, voter.edge});
+    }
+    for (Index p = part[e.j]; p != voter.top; p = parent[p]) {
+      sides.ballots[p].push_back({of_j, most2, voter.edge});
+    }
   }
   return sides;
 }

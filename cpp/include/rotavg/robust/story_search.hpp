@@ -178,6 +178,7 @@ class StorySearch {
       ++agreeing_;
       return false;
     }
+    if (!goes_on()) return false;  // it is not polished
     Story& story = *found;
     if (is_coarse() && story.noise < scale_) {
       if (!closes_cycles(in_units(story.noise, story.rotations), graph_.num_nodes())) return false;
