@@ -134,7 +134,7 @@ def test_a_core_that_is_older_than_the_package_says_what_to_do() -> None:
 
     with pytest.raises(ImportError, match="has no 'solve_all': it is older than the Python pack"):
         from rotavg._core import solve_all  # type: ignore[attr-defined]  # noqa: F401
-    with pytest.raises(ImportError, match="build it anew: pip install"):
+    with pytest.raises(ImportError, match="install it anew: the wheel"):
         _core.solve_all  # type: ignore[attr-defined]  # noqa: B018
     assert not hasattr(_core, "__path__")
 
