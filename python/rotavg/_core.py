@@ -17,9 +17,8 @@ if _wanted not in ("", "baseline", "avx2"):
 try:
     from rotavg._processor import runs_avx2_core
 
-    if _wanted == "avx2" and not runs_avx2_core():
-        raise ImportError("ROTAVG_CORE=avx2, which this processor does not run", name=__name__)
-    if runs_avx2_core() and _wanted != "baseline":
+    _runs_avx2 = runs_avx2_core()
+    if _runs_avx2 and _wanted != "baseline":
         from rotavg._core_avx2 import *  # noqa: F403
         from rotavg._core_avx2 import __version__ as __version__
     else:
@@ -29,6 +28,9 @@ except ImportError as error:
     raise ImportError(
         f"the compiled core of rotavg cannot be imported ({error}); {_HOW}", name=__name__
     ) from error
+
+if _wanted == "avx2" and not _runs_avx2:
+    raise ImportError("found ROTAVG_CORE=avx2, which this processor does not run", name=__name__)
 
 
 def __getattr__(name: str) -> Any:

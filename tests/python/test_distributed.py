@@ -182,7 +182,9 @@ def test_little_noise_is_proved_too(client: Any, noise: float) -> None:
     assert found.certificate.verdict == "proved", found.certificate
     assert found.converged
     assert found.reason == "converged"
-    assert found.relative_gradient <= max(2e-5 * noise, 2e-13)  # or rounding is in the way
+    # Or rounding is in the way: the last round has not let it fall.
+    *_, before, last = (told.relative_gradient for told in found.rounds)
+    assert last <= max(2e-5 * noise, 1e-13) or (0.7 * before <= last < 2e-13)
     # Only the proof needs a gradient so small, and a limit beyond the tolerance is no limit.
     uncertified = solve(graph, client=client, parts=3, certify=False)
     few = len(uncertified.rounds) - 1

@@ -151,11 +151,16 @@ def test_the_command(tmp_path: Path) -> None:
     assert "--headings is for --gravity" in result.output
 
 
-def test_an_edge_that_gravity_refutes_is_an_outlier_whatever_its_heading() -> None:
-    rng = np.random.default_rng(5)
+def upright_cameras(rng: np.random.Generator) -> NDArray[np.float64]:
+    """(30, 3, 3) rotations about y, of random headings."""
     turns = np.zeros((30, 3))
     turns[:, 1] = rng.uniform(-3, 3, 30)
-    truth = Rotation.from_rotvec(turns).as_matrix()
+    return np.asarray(Rotation.from_rotvec(turns).as_matrix())
+
+
+def test_an_edge_that_gravity_refutes_is_an_outlier_whatever_its_heading() -> None:
+    rng = np.random.default_rng(5)
+    truth = upright_cameras(rng)
     edges = np.array([(i, j) for i in range(30) for j in range(i + 1, 30) if rng.random() < 0.4])
     i, j = edges.T
     noise = Rotation.from_rotvec(0.01 * rng.normal(size=(len(edges), 3))).as_matrix()
@@ -197,9 +202,7 @@ def test_what_rigs_join_is_one_component() -> None:
 
 def test_gravity_does_not_refute_edges_for_being_heavy() -> None:
     rng = np.random.default_rng(2)
-    turns = np.zeros((30, 3))
-    turns[:, 1] = rng.uniform(-3, 3, 30)
-    truth = Rotation.from_rotvec(turns).as_matrix()
+    truth = upright_cameras(rng)
     edges = np.array([(i, j) for i in range(30) for j in range(i + 1, 30) if rng.random() < 0.5])
     i, j = edges.T
     weights = 10 ** rng.uniform(0, 4, len(edges))

@@ -45,7 +45,7 @@ def statement(solution: Solution) -> Statement:
     held = of_what(solution)
     held += ", for the final weights of the edges" if is_reweighted(solution) else ""
     priors = "" if solution.grounded is None else " and priors"
-    some, doubts = _doubts(solution)
+    doubts = _doubts(solution)
     but = f"; but {', '.join(doubts)}" if doubts else ""
     if certificate.verdict == Verdict.PROVED:
         how = _PROOFS.get(certificate.method, certificate.method)
@@ -60,7 +60,7 @@ def statement(solution: Solution) -> Statement:
             "open" if doubts else "proved",
             f"Proved{held}{chance}: no other rotations fit these measurements{priors} better{but}.",
             (
-                *some,
+                *_rejected(solution),
                 f"{_gap(certificate)}, by {how}, with rounding accounted for.",
                 *_reservations(solution),
             ),
@@ -71,7 +71,7 @@ def statement(solution: Solution) -> Statement:
             f"Very probably optimal{held}: an eigenvalue estimate found no better answer{but}. "
             "This is not a proof.",
             (
-                *some,
+                *_rejected(solution),
                 f"{_gap(certificate)}, if the estimate is right.",
                 *_reservations(solution),
             ),
@@ -79,21 +79,17 @@ def statement(solution: Solution) -> Statement:
     return _not_certified(solution, certificate)
 
 
-def _doubts(solution: Solution) -> tuple[tuple[str, ...], list[str]]:
-    """How many edges a robust loss has rejected, as a sentence, and what else there is to doubt."""
+def _doubts(solution: Solution) -> list[str]:
+    """What speaks against a robust answer, beside the edges that were rejected."""
     fit = solution.robust
     if fit is None:
-        return (), []
-    doubts = doubts_of(fit, solution.num_parts_given, len(solution.hanging_groups))
-    return (f"{rejected(fit)}.",), doubts
+        return []
+    return doubts_of(fit, solution.num_parts_given, len(solution.hanging_groups))
 
 
-def _all_doubts(solution: Solution) -> tuple[str, ...]:
-    """All of that in one sentence; none without a robust loss."""
-    if solution.robust is None:
-        return ()
-    count, doubts = _doubts(solution)
-    return (", ".join([*(c.rstrip(".") for c in count), *doubts]) + ".",)
+def _rejected(solution: Solution, *more: str) -> tuple[str, ...]:
+    """How many edges a robust loss has rejected, and more, as a sentence; none without one."""
+    return () if solution.robust is None else (", ".join([rejected(solution.robust), *more]) + ".",)
 
 
 def _without_certificate(solution: Solution) -> Statement:
@@ -101,7 +97,7 @@ def _without_certificate(solution: Solution) -> Statement:
         return _refined(solution, solution.isotropic.certificate)
     details = (
         "No certificate was asked for: how far this is from the optimum is not known.",
-        *_all_doubts(solution),
+        *_rejected(solution, *_doubts(solution)),
     )
     if solution.status.converged:
         return Statement("open", "Converged to a stationary point; optimality unknown.", details)
@@ -125,7 +121,7 @@ def _refined(solution: Solution, start: Certificate | None) -> Statement:
 
 def _not_certified(solution: Solution, certificate: Certificate) -> Statement:
     bound = (f"{_gap(certificate)}.",) if np.isfinite(certificate.gap) else ()
-    bound = (*_all_doubts(solution), *bound)
+    bound = (*_rejected(solution, *_doubts(solution)), *bound)
     if not solution.status.converged:
         headline = f"Not solved: {solution.status}."
         return Statement("failed", headline, (*bound, "Let it run longer, or try another method."))
