@@ -62,6 +62,7 @@ py::dict robust_dict(const rotavg::RobustSolution& s) {
   result["edge_scales"] = from_vector(s.edge_scales);
   result["edge_verdicts"] = verdicts;
   result["part"] = from_vector(s.verdicts.part);
+  result["num_strained"] = s.num_strained;
   py::list alternatives;
   for (const rotavg::Alternative& a : s.alternatives) alternatives.append(alternative_dict(a));
   result["alternatives"] = alternatives;

@@ -94,6 +94,23 @@ TEST_CASE("the breadth-first forest has the shortest paths to the first node of 
   }
 }
 
+TEST_CASE("the widest level of a component has as many nodes as are equally far from its first") {
+  Random random;
+  INFO(random.replay());
+  for (int trial = 0; trial < 20; ++trial) {
+    const MeasurementGraph graph = test::scattered_graph(random);
+    const Index n = graph.num_nodes();
+    const Components components = connected_components(graph);
+    const Eigen::MatrixXi distance = distances(graph);
+    for (Index c = 0; c < components.size(); ++c) {
+      const auto& nodes = components.nodes[static_cast<std::size_t>(c)];
+      std::vector<Index> count(static_cast<std::size_t>(n), 0);
+      for (const Index i : nodes) ++count[static_cast<std::size_t>(distance(nodes[0], i))];
+      CHECK(widest_level(graph, components, c) == *std::max_element(count.begin(), count.end()));
+    }
+  }
+}
+
 TEST_CASE("an edge closes a cycle of one edge more than the tree path between its ends") {
   Random random;
   INFO(random.replay());

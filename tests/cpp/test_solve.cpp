@@ -51,6 +51,23 @@ TEST_CASE("solve finds the optimum, proves it and sets the first node of each co
   }
 }
 
+TEST_CASE("sweeps solve random graphs, whose Laplacian fills in, and Newton's method lattices") {
+  Random random;
+  INFO(random.replay());
+  const auto solved_by = [&](const MeasurementGraph& graph) {
+    const Solution solution = solve(graph);
+    CHECK(solution.certificate.verdict == Verdict::proved);
+    SolveOptions newton;
+    newton.method = Method::newton;
+    CHECK(solution.objective == doctest::Approx(solve(graph, newton).objective).epsilon(1e-12));
+    return solution.method;
+  };
+  const Index n = 900;
+  CHECK(solved_by(test::simulate_graph(random, test::random_connected(random, n, 3 * n), 0.05)) ==
+        Method::bcd);
+  CHECK(solved_by(test::simulate_graph(random, test::grid(30, 30), 0.05)) == Method::newton);
+}
+
 TEST_CASE("solve refutes the twisted cycle that it is started from, and leaves it otherwise") {
   const MeasurementGraph graph = test::noiseless_cycle(20);
   SolveOptions without_staircase;

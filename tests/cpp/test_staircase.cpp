@@ -179,9 +179,13 @@ TEST_CASE("every component climbs for itself") {
       CHECK(part.verdict == Verdict::not_certified);
     }
     options.method = Method::automatic;
+    const Stopwatch watch;
     const Solution solution = solve(graph, options, twisted_twice(n));
     CHECK(solution.objective < 1e-18);
     CHECK(solution.certificate.verdict == Verdict::proved);
+    // The way up counts.
+    const Timings& told = solution.timings;
+    CHECK(told.init + told.solve + told.certify > 0.3 * watch.seconds());
     for (const ComponentCertificate& part : solution.certificate.components) {
       CHECK(part.verdict == Verdict::proved);
     }
@@ -267,6 +271,22 @@ TEST_CASE("the bound from the relaxation is met from below, and S agrees with a 
     CHECK(solution.certificate.gap <= -3.0 * n * lambda_min);
   }
   CHECK(not_tight > 0);  // or the noise is too small for this test to say anything
+}
+
+TEST_CASE("that the relaxation is not tight is told only where its optimum was met") {
+  // What is known is a bound, whether it is the optimum or not.
+  ComponentBound refuted;
+  refuted.lambda_min = -0.1;
+  refuted.gap = 5.0;
+  detail::Measure measure;
+  measure.objective = 2.0;
+  measure.weight = 1.0;
+  for (const bool met : {false, true}) {
+    const LowerBound known{1.5, CertificateMethod::relaxation, met};
+    const auto certificate = detail::certify_component(refuted, known, measure, 1e-6);
+    CHECK(certificate.gap == doctest::Approx(0.5));
+    CHECK(certificate.shortfall == (met ? Shortfall::relaxation : Shortfall::negative));
+  }
 }
 
 TEST_CASE("limits hold on the staircase, too") {

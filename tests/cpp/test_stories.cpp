@@ -122,6 +122,20 @@ TEST_CASE("every node has eight voices, or as many as edges") {
   CHECK_FALSE(evidence.compare(much, zero).clear());
 }
 
+TEST_CASE("a handful of edges does not win by what voices it was fitted to") {
+  Comparison c;
+  for (const Index edges : {7, 14}) {
+    c.only_first.assign(static_cast<std::size_t>(edges), 0);
+    c.only_other.assign(static_cast<std::size_t>(3 * edges), 0);
+    c.voices = 1.4 * edges;
+    c.other_voices = 0.4 * edges;
+    CHECK(c.lead_in_voices() > 1.5);
+    CHECK(c.lead_in_voices() < 3.0);
+    CHECK(c.lead_in_strength() > 3.0);
+    CHECK(c.clear() == (edges == 14));
+  }
+}
+
 TEST_CASE("relative weights are those over the median of edges that turn as far") {
   Random random;
   INFO(random.replay());

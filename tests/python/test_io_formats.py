@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import pickle
 from pathlib import Path
 
@@ -183,3 +184,12 @@ def test_translations_come_along(tmp_path: Path, name: str) -> None:
     again = read(tmp_path / name).translations
     np.testing.assert_array_equal(again.vectors, moved.vectors)
     np.testing.assert_allclose(again.information, moved.information, rtol=1e-15)
+
+
+@pytest.mark.parametrize("module", ["gzip", "bz2", "lzma"])
+def test_compressed_files_are_told(tmp_path: Path, module: str) -> None:
+    path = tmp_path / "graph.g2o"
+    path.write_bytes(importlib.import_module(module).compress(b"0 1 0.1 0 0\n"))
+    for read in (rotavg.read, rotavg.read_rotations):
+        with pytest.raises(FormatError, match=r"is compressed by \w+, unpack it first"):
+            read(path)

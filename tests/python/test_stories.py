@@ -204,6 +204,38 @@ def test_doubts_are_told_without_a_proof_as_well() -> None:
     assert "; on the edges it kept, 8 of 236 edges rejected" in sentence
 
 
+def test_where_nothing_agrees_the_noise_does_not_show() -> None:
+    """Of rotations drawn at random most are "inliers" of a noise that is as large as can be."""
+    rng = np.random.default_rng(0)
+    edges = [(i, (i + step) % 100) for i in range(100) for step in (1, 7)]
+    quaternions = rng.standard_normal((len(edges), 4))
+    solution = rotavg.solve(
+        rotavg.MeasurementGraph.from_quaternions(edges, quaternions), loss="auto"
+    )
+    assert solution.robust is not None
+    assert not solution.robust.noise_shows
+    doubt = "too few edges agree to tell noise from errors"
+    assert doubt in str(solution)
+    assert "noise at least 28.6 deg" in str(solution)
+    assert statement(solution).headline.endswith(f"; but {doubt}.")
+    noisy = rotavg.solve(rotavg.simulate("complete", 30, noise=0.2, seed=1).graph, loss="auto")
+    assert noisy.robust is not None
+    assert noisy.robust.noise_shows
+    assert doubt not in str(noisy)
+
+
+def test_priors_that_contradict_the_measurements_are_a_doubt() -> None:
+    """Edges judged before the priors are met say nothing of what these do to them."""
+    simulation = rotavg.simulate("grid", 49, noise=0.01, seed=2)
+    turned = simulation.truth[40] @ matrices_from_rotvecs(np.array([[0.0, 1.0, 0.0]]))[0]
+    for held, strained in ((simulation.truth[40], False), (turned, True)):
+        priors = rotavg.Priors(fixed={0: simulation.truth[0], 40: held})
+        solution = rotavg.solve(simulation.graph, loss="auto", priors=priors)
+        assert solution.robust is not None
+        assert (solution.robust.num_strained > 0) == strained
+        assert ("far off once the priors are met" in str(solution)) == strained
+
+
 def test_a_search_that_is_stopped_tells_no_answers_that_are_half_made() -> None:
     graph, _ = doubtful()
     whole = rotavg.solve(graph, loss="auto")

@@ -25,6 +25,7 @@ def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:
         "loss": r.loss,
         "scale_deg": math.degrees(r.scale),
         "noise_deg": math.degrees(r.noise),
+        "noise_shows": r.noise_shows,
         "threshold_deg": math.degrees(r.threshold),
         "objective": r.objective,
         "outliers": int(solution.is_outlier.sum()),
@@ -33,6 +34,7 @@ def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:
         "hanging": [len(group) for group in solution.hanging_groups],
         "parts": r.num_parts,
         "weak_parts": r.num_parts - solution.num_parts_given,
+        "strained": r.num_strained,
         "alternatives": [alternative.summary() for alternative in r.alternatives],
         "prior_outliers": {
             kind: fit.nodes[fit.is_outlier].tolist()

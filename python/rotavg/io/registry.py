@@ -168,6 +168,12 @@ class Format:
 
 
 HEAD_SIZE = 1 << 16
+_COMPRESSED = {
+    "gzip": b"\x1f\x8b",
+    "bzip2": b"BZh",
+    "xz": b"\xfd7zXZ\x00",
+    "zstd": b"\x28\xb5\x2f\xfd",
+}
 
 
 def is_named(path: Path, suffixes: Sequence[str]) -> bool:
@@ -228,7 +234,7 @@ def in_folder(formats: Sequence[Format], path: Path) -> Path:
 def read_bytes(formats: Sequence[Format], path: Path, what: str = "a measurement graph") -> bytes:
     """The whole file, or the beginning of one that its reader opens itself.
 
-    Raises FileAccessError if it cannot be read, FormatError if it is empty.
+    Raises FileAccessError if it cannot be read, FormatError if it is empty or compressed.
     """
     if str(path) == "-":
         reason = "standard input is /dev/stdin"
@@ -245,6 +251,9 @@ def read_bytes(formats: Sequence[Format], path: Path, what: str = "a measurement
     content = data.removeprefix(BYTE_ORDER_MARK)
     if not content or content.isspace():
         raise FormatError(f"the file is empty, expected {what}", path=path)
+    for program, magic in _COMPRESSED.items():
+        if data.startswith(magic):
+            raise FormatError(f"the file is compressed by {program}, unpack it first", path=path)
     return data
 
 

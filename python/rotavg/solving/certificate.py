@@ -50,8 +50,8 @@ class ComponentCertificate:
         relative_gap: gap / max(f, 1e-20 sum of weights); in the sum no edge counts for more than
             1000 times the lightest, but for at least 1/200 of its weight.
         method: "factorization" or "connectivity" (proofs, the latter on dense graphs), "relaxation"
-            (a proof: the staircase met the optimum of the relaxation, which is below all
-            rotations), "nonnegativity" (a proof: the objective itself is zero to the tolerance),
+            (a proof: what the staircase came to bounds the optimum of the relaxation, which is
+            below all rotations), "nonnegativity" (a proof: the objective itself is zero to the tolerance),
             "random_start" (a proof but for the failure probability), "eigenvalue" (an estimate) or
             "none" (stopped, or not converged).
         failure_probability: the chance, over the seed, that the proof is wrong; zero of all methods

@@ -28,10 +28,11 @@ def robust_rows(fit: RobustFit, num_parts_given: int) -> list[tuple[str, str]]:
     scales = fit.edge_scales[np.isfinite(fit.edge_scales)]
     of_what = " at the median weight" if len(scales) and np.ptp(scales) > 0 else ""
     how = ", ".join(f"{count} {reason}" for count, reason in reasons if count)
+    about = "about" if fit.noise_shows else "at least"
     rows = [
         (
             "loss",
-            f"{fit.loss}, scale {np.degrees(fit.scale):.3g} deg, noise about "
+            f"{fit.loss}, scale {np.degrees(fit.scale):.3g} deg, noise {about} "
             f"{np.degrees(fit.noise):.3g} deg{of_what}, robust objective "
             f"{fit.objective:.9g}",
         ),
@@ -98,6 +99,11 @@ def doubts_of(fit: RobustFit, num_parts_given: int, hanging: int) -> list[str]:
         hanging: how many groups of nodes nothing checks against the rest.
     """
     doubts = []
+    if not fit.noise_shows:
+        doubts.append("too few edges agree to tell noise from errors")
+    if fit.num_strained > 0:
+        edges = "1 kept edge" if fit.num_strained == 1 else f"{fit.num_strained} kept edges"
+        doubts.append(f"{edges} far off once the priors are met")
     weak = fit.num_parts - num_parts_given
     if weak > 0:
         doubts.append(f"{weak} part{'s' * (weak > 1)} on rejected edges only")

@@ -62,6 +62,7 @@ struct ComponentBound {
 struct LowerBound {
   double value = 0.0;
   CertificateMethod method = CertificateMethod::nonnegativity;  ///< how it is known
+  bool is_met = false;  ///< it is the optimum of the relaxation, to a relative 1e-6
 };
 
 }  // namespace rotavg

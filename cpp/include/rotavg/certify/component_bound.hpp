@@ -55,7 +55,6 @@ class ComponentBounds {
 
   ComponentBound operator()() {
     using Costs = ProofCosts;
-    constexpr double large = 2e5;
     constexpr double dense = 0.1, near_complete = 0.5;  // of all pairs of nodes
     const double n = S_.num_nodes(), connectivity_flops = Connectivity::flops(n);
     const double by_products = cost(Costs::usual_products);
@@ -69,14 +68,12 @@ class ComponentBounds {
       const ComponentBound bound = by_connectivity(filled > near_complete, by_products);
       if (is_enough(bound)) return bound;
     }
-    // On large graphs an order of elimination takes longer than products do, and they may tell that
-    // it fills in.
     bool may_start = options_.failure_probability > 0.0;  // at random
     ComponentBound start_bound;
-    if (may_start && ends_ > large && !elimination_.has_order()) {
-      RandomStart random_start(S_, q_, random_start_options());
-      if (random_start.theta_exceeds(theta_of_separator(Costs::worth_certainty * by_products))) {
-        start_bound = by_random_start(random_start);
+    if (may_start && !elimination_.has_order()) {
+      std::optional<RandomStart> random_start = start_before_an_order(by_products);
+      if (random_start) {
+        start_bound = by_random_start(*random_start);
         if (is_end(start_bound)) return start_bound;
         may_start = false;  // it would come to the same end
       }
@@ -153,6 +150,26 @@ class ComponentBounds {
     if (is_enough(bound) || !factorizes) return bound;
     connectivity_failed_ = true;  // else nothing comes after
     return connectivity.bound_by_factorization(options_.keep_going);
+  }
+
+  /// Where S fills in, an order of elimination alone takes longer than products do: wide levels
+  /// make that likely, and on large graphs products tell. A random start where it is so, and may
+  /// do.
+  std::optional<RandomStart> start_before_an_order(double by_products) {
+    constexpr double large = 2e5;  // ends of edges
+    const double bearable = std::max(ProofCosts::quick, ProofCosts::worth_certainty * by_products);
+    // Of random graphs the largest front has about as many nodes as the widest level.
+    const double likely = 27.0 * Connectivity::flops(0.5 * elimination_.widest_level());
+    if (!(ends_ > large || likely > bearable)) return std::nullopt;
+    RandomStart random_start(S_, q_, random_start_options());
+    if (ends_ > large && random_start.theta_exceeds(theta_of_separator(bearable))) {
+      return random_start;
+    }
+    if (likely > bearable) {
+      random_start.limit_products(likely / cost(1.0));
+      if (random_start.may_do()) return random_start;
+    }
+    return std::nullopt;
   }
 
   bool fits() const { return has_memory_for(elimination_.factor_bytes(3)); }

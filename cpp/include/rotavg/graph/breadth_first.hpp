@@ -1,7 +1,11 @@
 #pragma once
 
+#include <algorithm>
+#include <cstddef>
+#include <utility>
 #include <vector>
 
+#include <rotavg/graph/components.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/types.hpp>
 
@@ -63,6 +67,35 @@ inline Index fundamental_cycle_length(const MeasurementGraph& graph,
     ++length;
   }
   return length;
+}
+
+/// The number of nodes in the widest level of a breadth-first search from a component's first node.
+/// It is small on trajectories, lattices and cities, where every level is a separator, and a fair
+/// share of all nodes on random graphs, which have no small ones; but on trees with many branches,
+/// too.
+inline Index widest_level(const MeasurementGraph& graph, const Components& components,
+                          Index component) {
+  const std::vector<Index>& nodes = components.nodes[component];
+  std::vector<bool> met(nodes.size(), false);
+  met[0] = true;
+  std::vector<Index> level(1, nodes.front()), next;
+  std::size_t widest = 0, num_met = 1;
+  while (!level.empty()) {
+    widest = std::max(widest, level.size());
+    next.clear();
+    for (const Index i : level) {
+      if (num_met == nodes.size()) break;  // on dense graphs, long before the last row
+      for (const HalfEdge& h : graph.row(i)) {
+        auto is_met = met[components.row_in_component[h.node]];
+        if (is_met) continue;
+        is_met = true;
+        ++num_met;
+        next.push_back(h.node);
+      }
+    }
+    std::swap(level, next);
+  }
+  return static_cast<Index>(widest);
 }
 
 }  // namespace rotavg

@@ -7,6 +7,7 @@
 
 #include <Eigen/Core>
 
+#include <rotavg/graph/breadth_first.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/subtrees.hpp>
@@ -71,6 +72,12 @@ class Elimination {
 
   /// Whether the order is known, so that flops() costs nothing.
   bool has_order() const { return order_.has_value(); }
+
+  /// See rotavg::widest_level().
+  Index widest_level() {
+    if (!widest_level_) widest_level_ = rotavg::widest_level(*graph_, *components_, component_);
+    return *widest_level_;
+  }
 
   /// Bytes that a factorisation with blocks of size B takes: the factor, the fronts that wait, and
   /// the matrix; of a small one, about.
@@ -197,6 +204,7 @@ class Elimination {
   BlockPattern pattern_;
   std::vector<Place> places_;
   std::vector<Index> first_place_;  // of every row; other rows have other entries
+  std::optional<Index> widest_level_;
   std::optional<EliminationOrder> order_;
   std::shared_ptr<const SymbolicCholesky> symbolic_;
 };

@@ -39,10 +39,12 @@ class DavenportSum {
   }
   Matrix4 matrix() const {
     Matrix4 K;
-    K << same_[0], next_[0], opposite_[0], next_[3],  //
-        next_[0], same_[1], next_[1], opposite_[1],   //
-        opposite_[0], next_[1], same_[2], next_[2],   //
-        next_[3], opposite_[1], next_[2], same_[3];
+    for (int k = 0; k < 4; ++k) {
+      const int next = (k + 1) % 4, opposite = (k + 2) % 4;
+      K(k, k) = same_[k];
+      K(k, next) = K(next, k) = next_[k];
+      K(k, opposite) = opposite_[k];
+    }
     return K;
   }
 

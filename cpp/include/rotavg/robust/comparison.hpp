@@ -42,13 +42,15 @@ class Comparison {
   /// That of the weights if it is nothing that chance makes, and of the voices if not.
   double lead() const { return std::abs(in_weight) > chance ? in_weight : lead_in_voices(); }
   /// Whether the first is the better one. Its lead is nothing that chance makes; or it tends to
-  /// that, and either the number of edges does, too, or the edges of the other have hardly a voice.
-  /// But against the voices a few edges do not win by what they weigh.
+  /// that, and either the number of edges does, too, or the edges of the other have hardly a voice:
+  /// so do those beside a handful that was fitted to its voices, which tells nothing. But against
+  /// the voices a few edges do not win by what they weigh.
   bool clear() const {
     constexpr double tendency = 1.5, hardly = 0.2;
-    constexpr Index few = 20;
+    constexpr Index few = 20, handful = 10;
     if (std::min(edges(), other_edges()) < few && lead_in_voices() < -tendency) return false;
-    const bool voiceless = other_voices * edges() < hardly * voices * other_edges();
+    const bool voiceless =
+        edges() >= handful && other_voices * edges() < hardly * voices * other_edges();
     return lead() > chance || (lead() > tendency && (lead_in_number() > tendency ||
                                                      (voiceless && lead_in_strength() > chance)));
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <functional>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -94,6 +95,19 @@ class RobustRun {
     stage.iteration = remaining_limits();
     stage.iteration.max_iterations = std::min(stage.iteration.max_iterations, max_iterations);
     return stage;
+  }
+
+  /// Least squares, roughly, from the chordal value; nothing where its matrix takes long to factor.
+  std::optional<Rotations> least_squares_from_chordal() {
+    constexpr double flops_an_edge = 1e5;  // some hundreds of sweeps
+    SolveOptions l2 = rough();
+    l2.init = Initialization::chordal;
+    l2.certificate.max_factorization_flops =
+        std::min(l2.certificate.max_factorization_flops, flops_an_edge * graph_.num_edges());
+    Solution solution = solve(graph_, l2);
+    took(solution);
+    if (solution.init != Initialization::chordal) return std::nullopt;
+    return std::move(solution.rotations);
   }
 
   /// Least squares, roughly.

@@ -52,6 +52,9 @@ struct RobustSolution : Solution {
   std::vector<double> edge_scales;
   EdgeVerdicts verdicts;
   PriorVerdicts absolute, gravity;  ///< empty without priors
+  /// Edges that were kept, and that lie beyond twice the threshold once the priors are met: these
+  /// and the measurements contradict one another.
+  Index num_strained = 0;
   Index moved_by_votes = 0;
   /// Other answers that the evidence does not rule out (find_stories); of the loss automatic alone.
   std::vector<Alternative> alternatives;

@@ -94,13 +94,33 @@ inline std::vector<Alternative> told(const MeasurementGraph& graph,
     const std::vector<double> other_x = residuals_at(S);
     auto group = shared_groups(graph, R, S, step_tolerance(noise));
     if (std::all_of(group.begin(), group.end(), [](Index g) { return g == 0; })) continue;
+    Comparison evidence = portfolio.evidence->compare(part.of_edges(x), part.of_edges(other_x));
+    if (evidence.only_other.empty()) continue;  // at this scale it explains nothing more
     alternatives.push_back(alternative_story(graph, R, x, std::move(S), other_x, std::move(group)));
     Alternative& told = alternatives.back();
-    told.evidence = portfolio.evidence->compare(part.of_edges(x), part.of_edges(other_x));
+    told.evidence = std::move(evidence);
     told.closure = portfolio.evidence->closure(told.evidence.only_other);
     told.answer_closure = portfolio.evidence->closure(told.evidence.only_first);
   }
   return alternatives;
+}
+
+/// Whether l1 may end far off: it all but does not depend on the start where edges are many.
+inline bool has_few_edges(const MeasurementGraph& graph) {
+  constexpr double few = 12.0;  // at a node
+  return 2.0 * graph.num_edges() <= few * graph.num_nodes();
+}
+
+/// Whether more than noise or a few wrong edges contradict rotations.
+inline bool many_contradict(RobustRun& run, const Rotations& R) {
+  constexpr double many = 0.02;
+  const double noise = run.noise_at(R), most = outlier_noises * outlier_noises * noise * noise;
+  const std::vector<double>& x = run.squared_residuals_at(R);
+  double beyond = 0.0;
+  for (std::size_t k = 0; k < x.size(); ++k) {
+    beyond += x[k] * precision_of(run.precision(), k) > most;
+  }
+  return beyond > many * static_cast<double>(x.size());
 }
 
 /// (m,) edges that the cycle check leaves out: none that is trusted.
@@ -184,8 +204,18 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   answers.push_back(start ? part.of_nodes(checked_rotations(graph, std::move(*start)))
                           : run.least_squares(part.of_edges(robust.known.initial_weights), init));
   const bool knows_weights = !robust.known.initial_weights.empty();
-  const IterationResult l1 =
-      run.reweighted(answers.back(), {Loss::l1, l1_scale}, l1_gain, knows_weights ? 0 : l1_limit);
+  const auto with_l1 = [&](const Rotations& R) {
+    return run.reweighted(R, {Loss::l1, l1_scale}, l1_gain, knows_weights ? 0 : l1_limit);
+  };
+  IterationResult l1 = with_l1(answers.back());
+  const bool starts_freely = !start && options.init == Initialization::automatic && !knows_weights;
+  if (starts_freely && detail::has_few_edges(part.graph()) &&
+      detail::many_contradict(run, l1.rotations)) {
+    if (const auto chordal = run.least_squares_from_chordal()) {
+      IterationResult other = with_l1(*chordal);
+      if (other.objective < l1.objective) l1 = std::move(other);
+    }
+  }
   answers.push_back(l1.rotations);
 
   // 2. and 3.

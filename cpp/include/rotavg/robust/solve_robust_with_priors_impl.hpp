@@ -145,6 +145,17 @@ inline void join_parts(const GroundedGraph& problem, RobustSolution& solution) {
   solution.verdicts.part = part;
 }
 
+/// RobustSolution::num_strained. (Edges that the loss does not touch have no threshold.)
+inline Index num_strained(const MeasurementGraph& given, const RobustSolution& solution) {
+  Index strained = 0;
+  for (Index k = 0; k < given.num_edges(); ++k) {
+    const double most = 2.0 * solution.threshold * solution.edge_scales[k];
+    const double x = 0.5 * residual(given.edges()[k], solution.rotations).squaredNorm();
+    strained += solution.verdicts.edges[k] == EdgeVerdict::inlier && x > most * most;
+  }
+  return strained;
+}
+
 /// What is known of the measurements between frames.
 inline EdgeKnowledge between_frames(const GroundedGraph& problem, const EdgeKnowledge& known) {
   return known.of(edges_between_variables(problem.given(), problem.frames()));
@@ -189,6 +200,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem,
   }
   detail::join_parts(problem, solution);
   static_cast<Solution&>(solution) = detail::meet_priors(weighted, solution, options, watch);
+  solution.num_strained = detail::num_strained(problem.given(), solution);
   for (Alternative& story : solution.alternatives) {
     adopt_gauge(component, story.group, solution.rotations, story.rotations);
   }

@@ -140,14 +140,20 @@ inline double vector_square(const Vector4& q) { return q(0) * q(0) + q(1) * q(1)
 
 /// |q|^2 R(q).
 template <typename Q>
-Matrix3 weighted_rotation(const Q& q) {
+EIGEN_STRONG_INLINE Matrix3 weighted_rotation(const Q& q) {
   const double xx = q.x() * q.x(), yy = q.y() * q.y(), zz = q.z() * q.z(), ww = q.w() * q.w();
   const double xy = q.x() * q.y(), xz = q.x() * q.z(), yz = q.y() * q.z();
   const double xw = q.x() * q.w(), yw = q.y() * q.w(), zw = q.z() * q.w();
-  Matrix3 M;
-  M << xx - yy - zz + ww, 2.0 * (xy - zw), 2.0 * (xz + yw),  //
-      2.0 * (xy + zw), yy - xx - zz + ww, 2.0 * (yz - xw),   //
-      2.0 * (xz - yw), 2.0 * (yz + xw), zz - xx - yy + ww;
+  Matrix3 M;  // entry by entry: compilers leave a comma initializer a call
+  M(0, 0) = xx - yy - zz + ww;
+  M(0, 1) = 2.0 * (xy - zw);
+  M(0, 2) = 2.0 * (xz + yw);
+  M(1, 0) = 2.0 * (xy + zw);
+  M(1, 1) = yy - xx - zz + ww;
+  M(1, 2) = 2.0 * (yz - xw);
+  M(2, 0) = 2.0 * (xz - yw);
+  M(2, 1) = 2.0 * (yz + xw);
+  M(2, 2) = zz - xx - yy + ww;
   return M;
 }
 

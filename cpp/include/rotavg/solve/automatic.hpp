@@ -55,6 +55,25 @@ inline IterationOptions remaining(const IterationOptions& options, const Iterati
   return rest;
 }
 
+/// Whether the Laplacian fills in so that its factor costs more than some tens of sweeps; where no
+/// order of elimination is known, whether a look at the graph makes that likely, as on random
+/// graphs the order alone takes longer than all sweeps.
+inline bool fills_in(const MeasurementGraph& graph, std::vector<Elimination>& eliminations) {
+  constexpr double wide = 1.0 / 6.0;       // a level's share of all nodes
+  constexpr Index small = 300;             // nodes, of which any order does
+  constexpr double sweeps = 40.0 * 220.0;  // operations for each end of an edge
+  double in_levels = 0.0, flops = 0.0;
+  for (Elimination& elimination : eliminations) {
+    if (elimination.size() <= small) continue;
+    if (elimination.has_order()) {
+      flops += elimination.flops(1, 0.0);
+    } else {
+      in_levels += elimination.widest_level();
+    }
+  }
+  return in_levels > wide * graph.num_nodes() || flops > sweeps * 2.0 * graph.num_edges();
+}
+
 /// A second start, made only if it is asked for.
 struct OtherStart {
   std::function<std::optional<Rotations>()> make;  ///< may have nothing to offer
@@ -66,9 +85,9 @@ struct OtherStart {
 /// - Sweeps come first: they smooth the start, from which Newton's method would run into bad local
 ///   minima more often, and converge later. (On grids and trajectories with noise of 0.1 to 0.3
 ///   rad, three did as well as twenty.)
-/// - On sparse graphs the Laplacian factors at little cost, and Newton's method goes on after
-///   three. From a given start that is near the optimum, as the last solution is when some edges
-///   have come or gone, it needs none: they would only delay it.
+/// - On sparse graphs the Laplacian factors at little cost, unless it fills in, and Newton's method
+///   goes on after three. From a given start that is near the optimum, as the last solution is when
+///   some edges have come or gone, it needs none: they would only delay it.
 /// - Where Newton's method wanders, it is far from any minimum or on its way to a bad one, and
 /// starts
 ///   anew elsewhere, if that is lower. (From the shortest paths the gradient falls below a tenth in
@@ -101,7 +120,7 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   constexpr int straight_steps = 5;  // of Newton's method
   constexpr double wandering = 0.1;  // radians, the largest gradient after these
   const double n = std::max<Index>(graph.num_nodes(), 1), degree = 2.0 * graph.num_edges() / n;
-  const bool sparse = degree <= sparse_degree;
+  const bool sparse = degree <= sparse_degree && !fills_in(graph, eliminations);
   const bool dense = degree >= dense_degree && degree >= dense_share * n;
   const auto line = [&reason](const auto&... parts) {
     std::ostringstream text;

@@ -104,7 +104,8 @@ inline std::string climb(SolveRun& run, const Rotations& R, Solution& solution) 
 
 /// Climbs in every component that is not certified, each as a graph of its own.
 /// @param R where to start; receives where it ended
-inline std::string climb_by_component(SolveRun& run, Rotations& R, const Solution& solution) {
+/// @param solution receives the time it took
+inline std::string climb_by_component(SolveRun& run, Rotations& R, Solution& solution) {
   const Components& components = run.components();
   const auto& certificates = solution.certificate.components;
   std::string report;
@@ -119,6 +120,8 @@ inline std::string climb_by_component(SolveRun& run, Rotations& R, const Solutio
     for (const Index i : nodes) part.push_back(R[i]);
     Solution climbed;
     const std::string said = climb(part_run, part, climbed);
+    solution.timings.solve += climbed.timings.solve;
+    solution.timings.certify += climbed.timings.certify;
     if (said.empty()) continue;
     run.lower_bound(c) = part_run.lower_bound(0);
     if (is_certified(climbed.certificate) || climbed.objective < objective(graph, part)) {

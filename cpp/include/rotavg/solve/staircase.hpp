@@ -75,7 +75,7 @@ class StaircaseOf {
   /// On to a minimum at this rank.
   /// @param options as of climb()
   void settle(const IterationOptions& options) {
-    LiftedResult result = lifted_newton(problem_, metric_, std::move(at_.Z), options);
+    LiftedResult result = lifted_newton(problem_, metric_, std::move(at_.Z), bounded(options));
     iterations_ += result.iterations;
     at_ = std::move(result.point);
   }
@@ -86,7 +86,8 @@ class StaircaseOf {
   bool climb(const IterationOptions& options) {
     const auto direction = negative_direction();
     if (!direction) return false;
-    LiftedResult result = lifted_newton(problem_, metric_, lift(*direction, next_rank()), options);
+    LiftedResult result =
+        lifted_newton(problem_, metric_, lift(*direction, next_rank()), bounded(options));
     iterations_ += result.iterations;
     at_ = std::move(result.point);
     return true;
@@ -118,8 +119,8 @@ class StaircaseOf {
                          objective_rounding(connection_weight(connection_), at_.objective);
     if (!(value > 0.0)) return {};
     solved_ = value >= (1.0 - 1e-6) * at_.objective;
-    return {value, bound.method == CertificateMethod::factorization ? CertificateMethod::relaxation
-                                                                    : bound.method};
+    const bool proved = bound.method == CertificateMethod::factorization;
+    return {value, proved ? CertificateMethod::relaxation : bound.method, solved_};
   }
 
   /// One line for people.
@@ -139,6 +140,13 @@ class StaircaseOf {
   }
 
  private:
+  /// Newton's method that has not converged after a thousand steps, where weights lie far apart,
+  /// does not after twenty thousand.
+  static IterationOptions bounded(IterationOptions options) {
+    options.max_iterations = std::min(options.max_iterations, 1000);
+    return options;
+  }
+
   LiftedCertificateMatrix<Connection> certificate_matrix() const {
     return {connection_, problem_.components(), problem_.component(), at_.Lambda, null_vectors()};
   }
