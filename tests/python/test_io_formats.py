@@ -190,6 +190,6 @@ def test_translations_come_along(tmp_path: Path, name: str) -> None:
 def test_compressed_files_are_told(tmp_path: Path, module: str) -> None:
     path = tmp_path / "graph.g2o"
     path.write_bytes(importlib.import_module(module).compress(b"0 1 0.1 0 0\n"))
-    for read in (rotavg.read, rotavg.read_rotations):
+    for reader in (read, rotavg.read_rotations):
         with pytest.raises(FormatError, match=r"is compressed by \w+, unpack it first"):
-            read(path)
+            reader(path)

@@ -51,9 +51,9 @@ class ComponentCertificate:
             1000 times the lightest, but for at least 1/200 of its weight.
         method: "factorization" or "connectivity" (proofs, the latter on dense graphs), "relaxation"
             (a proof: what the staircase came to bounds the optimum of the relaxation, which is
-            below all rotations), "nonnegativity" (a proof: the objective itself is zero to the tolerance),
-            "random_start" (a proof but for the failure probability), "eigenvalue" (an estimate) or
-            "none" (stopped, or not converged).
+            below all rotations), "nonnegativity" (a proof: the objective itself is zero to the
+            tolerance), "random_start" (a proof but for the failure probability), "eigenvalue" (an
+            estimate) or "none" (stopped, or not converged).
         failure_probability: the chance, over the seed, that the proof is wrong; zero of all methods
             but "random_start".
         shortfall: what keeps the gap above the tolerance. "none"; "leftover": the certificate's
