@@ -18,15 +18,18 @@ ENTRY = """<!doctype html>
 
 
 def add_sidebar(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Headings of the index become captions of the sidebar, the pages in its tables entries."""
+    """Headings of the index become captions of the sidebar, the links in its tables entries."""
     if docname != app.config.root_doc:
         return
     folder = posixpath.dirname(docname)
     trees = ""
     for section in re.split(r"^## ", source[0], flags=re.MULTILINE)[1:]:
         caption = section.splitlines()[0]
-        links = re.findall(r"^\| *\[[^\]]+\]\(([^)#]+)\.(?:md|rst)\)", section, re.MULTILINE)
-        pages = [f"/{posixpath.normpath(posixpath.join(folder, link))}" for link in links]
+        links = re.findall(r"^\| *\[([^\]]+)\]\(([^)#]+)\.(?:md|rst)\)", section, re.MULTILINE)
+        pages = [
+            f"{title} </{posixpath.normpath(posixpath.join(folder, link))}>"
+            for title, link in links
+        ]
         if pages:
             head = f"```{{toctree}}\n:hidden:\n:caption: {caption}\n\n"
             trees += "\n\n" + head + "\n".join(pages) + "\n```\n"

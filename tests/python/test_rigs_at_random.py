@@ -58,6 +58,9 @@ def test_with_gravity_sensors_and_frames_converge() -> None:
         joint = replace(solution.rigs, converged=False, lower_bound=0.0, rig_objective=1e-9)
         assert "sensors and frames have not converged (relative gradient" in joint.sentence
         assert "could lower the objective of the rigs is not known" in joint.sentence
+        doubtful = str(replace(solution, rigs=joint))
+        assert "of the frames alone: the sensors have not come to rest" in doubtful
+        assert "of the frames alone" not in str(solution)
 
 
 def test_with_much_noise_and_weights_far_apart_sensors_and_frames_converge() -> None:

@@ -36,13 +36,20 @@ def head(solution: Solved) -> str:
 def rows(solution: Solved) -> Rows:
     """Names and sentences, in the order in which they are told."""
     return [
-        ("status", str(solution.status)),
+        ("status", _status(solution)),
         *_proof(solution),
         *_figures(solution),
         *_what_holds(solution),
         *_uncertainty(solution),
         *_outliers(solution),
     ]
+
+
+def _status(solution: Solved) -> str:
+    rigs = solution.rigs
+    if rigs is None or rigs.converged or not solution.status.converged:
+        return str(solution.status)
+    return f"{solution.status}; of the frames alone: the sensors have not come to rest"
 
 
 def _proof(solution: Solved) -> Rows:
