@@ -56,6 +56,7 @@ py::dict robust_dict(const rotavg::RobustSolution& s) {
   result["loss"] = name_of(s.loss.kind);
   result["scale"] = s.loss.scale;
   result["noise"] = s.noise;
+  result["noise_shows"] = s.noise_shows;
   result["threshold"] = s.threshold;
   result["objective"] = s.robust_objective;
   result["edge_weights"] = from_vector(s.edge_weights);

@@ -111,6 +111,23 @@ TEST_CASE("the widest level of a component has as many nodes as are equally far 
   }
 }
 
+TEST_CASE("neither nodes that are left out nor hubs make a level wide") {
+  // Rows of ten nodes, and one more that all of them know, first and last.
+  Random random;
+  for (const Index hub : {0, 500}) {
+    auto pairs = test::grid(50, 10);
+    for (auto& [i, j] : pairs) {
+      i += hub == 0;
+      j += hub == 0;
+    }
+    for (Index i = 0; i < 500; ++i) pairs.emplace_back(hub, i + (hub == 0));
+    const MeasurementGraph graph = test::simulate_graph(random, pairs, 0.1);
+    const Components components = connected_components(graph);
+    CHECK(widest_level(graph, components, 0) == 10);
+    CHECK(widest_level(graph, components, 0, /*skipped=*/1) <= 20);
+  }
+}
+
 TEST_CASE("an edge closes a cycle of one edge more than the tree path between its ends") {
   Random random;
   INFO(random.replay());

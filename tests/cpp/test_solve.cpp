@@ -68,6 +68,32 @@ TEST_CASE("sweeps solve random graphs, whose Laplacian fills in, and Newton's me
   CHECK(solved_by(test::simulate_graph(random, test::grid(30, 30), 0.05)) == Method::newton);
 }
 
+TEST_CASE("the world that all nodes of a lattice know does not make it look like a random graph") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph graph = test::simulate_graph(random, test::grid(30, 30), 0.05);
+  const Rotations R = solve(graph).rotations;
+  Priors priors;
+  for (std::size_t i = 0; i < R.size(); ++i) {
+    priors.absolute.push_back({graph.nodes()[i], R[i], 0.01});
+  }
+  const Solution solution = solve(graph, priors);
+  CHECK(solution.method == Method::newton);
+  CHECK(solution.certificate.method == CertificateMethod::factorization);
+  CHECK(solution.certificate.verdict == Verdict::proved);
+}
+
+TEST_CASE("where Newton's method has ended, polishing goes on by it, on graphs that fill in, too") {
+  Random random;
+  INFO(random.replay());
+  auto measurements = test::simulate(random, test::random_connected(random, 400, 800), 1e-7);
+  test::spread_weights(random, 1.0, measurements);
+  SolveOptions options;
+  options.iteration.tolerance = 1e-2;  // so that something is left to do for the proof
+  const Solution solution = solve(MeasurementGraph(measurements), options);
+  CHECK(solution.certificate.verdict == Verdict::proved);
+}
+
 TEST_CASE("solve refutes the twisted cycle that it is started from, and leaves it otherwise") {
   const MeasurementGraph graph = test::noiseless_cycle(20);
   SolveOptions without_staircase;

@@ -12,6 +12,7 @@ import pytest
 import rotavg
 from rotavg.graph.conventions import matrices_from_rotvecs
 from rotavg.solving.contamination import contamination
+from rotavg.solving.robust import Loss
 from shared_data import shared_data
 
 LOSSES = ("auto", "huber", "l1", "l_half", "cauchy", "geman_mcclure", "tls")
@@ -171,29 +172,28 @@ def test_six_right_edges_of_twenty_at_a_node_are_enough(seed: int) -> None:
 
 
 @pytest.mark.parametrize("loss", ["l1", "cauchy"])
-def test_with_few_edges_a_node_the_answer_is_hardly_worse_than_from_the_chordal_start(
-    loss: str,
+@pytest.mark.parametrize("seed", [18, 40, 72, 106])
+def test_with_few_edges_a_node_the_answer_is_no_worse_than_from_the_chordal_start(
+    loss: Loss, seed: int
 ) -> None:
-    worse = 0
-    for seed in range(60):
-        rng = np.random.default_rng(seed)
-        ring = [(k, (k + 1) % 40) for k in range(40)]
-        chords = [rng.choice(40, 2, replace=False).tolist() for _ in range(40)]
-        edges = np.array(ring + chords)
-        truth = matrices_from_rotvecs(rng.normal(0, 2, (40, 3)))
-        noise = matrices_from_rotvecs(rng.normal(0, 0.0175, (80, 3)))
-        measured = truth[edges[:, 0]].transpose(0, 2, 1) @ truth[edges[:, 1]] @ noise
-        wrong = rng.random(80) < 0.2
-        measured[wrong] = matrices_from_rotvecs(rng.normal(0, 2, (wrong.sum(), 3)))
-        graph = rotavg.MeasurementGraph(edges, measured)
-        found = [
-            rotavg.solve(graph, loss=loss, loss_scale=0.02, certify=False, init=init).robust  # type: ignore[arg-type]
-            for init in ("auto", "chordal")
-        ]
-        assert found[0] is not None
-        assert found[1] is not None
-        worse += found[0].objective > 1.05 * found[1].objective
-    assert worse <= 1  # 2 without a second start for l1
+    # From least squares alone, l1 ends 5 to 10 % above.
+    rng = np.random.default_rng(seed)
+    ring = [(k, (k + 1) % 40) for k in range(40)]
+    chords = [rng.choice(40, 2, replace=False).tolist() for _ in range(40)]
+    edges = np.array(ring + chords)
+    truth = matrices_from_rotvecs(rng.normal(0, 2, (40, 3)))
+    noise = matrices_from_rotvecs(rng.normal(0, 0.0175, (80, 3)))
+    measured = truth[edges[:, 0]].transpose(0, 2, 1) @ truth[edges[:, 1]] @ noise
+    wrong = rng.random(80) < 0.2
+    measured[wrong] = matrices_from_rotvecs(rng.normal(0, 2, (wrong.sum(), 3)))
+    graph = rotavg.MeasurementGraph(edges, measured)
+    found, chordal = (
+        rotavg.solve(graph, loss=loss, loss_scale=0.02, certify=False, init=init).robust
+        for init in ("auto", "chordal")
+    )
+    assert found is not None
+    assert chordal is not None
+    assert found.objective < 1.01 * chordal.objective
 
 
 @pytest.mark.parametrize("loss", LOSSES)

@@ -227,13 +227,33 @@ def test_where_nothing_agrees_the_noise_does_not_show() -> None:
 def test_priors_that_contradict_the_measurements_are_a_doubt() -> None:
     """Edges judged before the priors are met say nothing of what these do to them."""
     simulation = rotavg.simulate("grid", 49, noise=0.01, seed=2)
-    turned = simulation.truth[40] @ matrices_from_rotvecs(np.array([[0.0, 1.0, 0.0]]))[0]
-    for held, strained in ((simulation.truth[40], False), (turned, True)):
-        priors = rotavg.Priors(fixed={0: simulation.truth[0], 40: held})
+    turned = simulation.ground_truth[40] @ matrices_from_rotvecs(np.array([[0.0, 1.0, 0.0]]))[0]
+    for held, strained in ((simulation.ground_truth[40], False), (turned, True)):
+        priors = rotavg.Priors(fixed={0: simulation.ground_truth[0], 40: held})
         solution = rotavg.solve(simulation.graph, loss="auto", priors=priors)
         assert solution.robust is not None
         assert (solution.robust.num_strained > 0) == strained
         assert ("far off once the priors are met" in str(solution)) == strained
+
+
+def test_what_priors_do_to_bridges_is_told_where_cycles_tell_the_noise() -> None:
+    """A chain of poses that hangs on a grid, its end held where it does not belong."""
+    simulation = rotavg.simulate("grid", 25, noise=0.01, seed=1)
+    chain = [(24 + k, 25 + k) for k in range(4)]
+    rotations = np.concatenate([simulation.graph.rotations, [np.eye(3)] * 4])
+    edges = np.concatenate([simulation.graph.edges, chain])
+    end = simulation.ground_truth[24] @ matrices_from_rotvecs(np.array([[1.0, 0.0, 0.0]]))[0]
+    priors = rotavg.Priors(fixed={0: simulation.ground_truth[0], 28: end})
+    solution = rotavg.solve(rotavg.MeasurementGraph(edges, rotations), loss="auto", priors=priors)
+    assert solution.robust is not None
+    assert solution.robust.num_strained >= 4
+    alone = rotavg.solve(
+        rotavg.MeasurementGraph(chain, rotations[-4:]),
+        loss="auto",
+        priors=rotavg.Priors(fixed={24: np.eye(3), 28: end}),
+    )
+    assert alone.robust is not None
+    assert alone.robust.num_strained == 0
 
 
 def test_a_search_that_is_stopped_tells_no_answers_that_are_half_made() -> None:

@@ -54,7 +54,7 @@ def robust_section(solution: Solution) -> RobustSection | None:
         [
             ("loss", fit.loss),
             ("scale", f"{degrees[0]:.3g}°"),
-            ("noise, estimated", f"{degrees[1]:.3g}°"),
+            ("noise, estimated" if fit.noise_shows else "noise, at least", f"{degrees[1]:.3g}°"),
             ("outliers are beyond", f"{degrees[2]:.3g}°"),
             ("robust objective", f"{fit.objective:.9g}"),
             ("weighted objective", f"{solution.objective:.9g}"),

@@ -31,7 +31,7 @@ class Statement:
 _PROOFS = {
     "factorization": "a factorisation of the certificate's matrix",
     "connectivity": "the graph's connectivity, which outweighs the residuals",
-    "relaxation": "the optimum of the relaxation, which no rotations can beat",
+    "relaxation": "a bound on the optimum of the relaxation, which no rotations can beat",
     "nonnegativity": "the objective itself, which is zero to the tolerance and cannot be negative",
     "random_start": "an iteration from a random start, which no negative eigenvalue would pass",
 }

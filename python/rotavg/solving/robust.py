@@ -16,8 +16,6 @@ from rotavg.solving.stories import Alternative, alternative_from_core
 
 Loss = Literal["l2", "auto", "huber", "l1", "l_half", "cauchy", "geman_mcclure", "tls"]
 
-_MOST_NOISE = 0.5  # radians: robust/scale.hpp estimates none beyond it
-
 
 @dataclass(frozen=True, eq=False)
 class PriorFit(ReadOnly):
@@ -78,8 +76,11 @@ class RobustFit(ReadOnly):
         gravity_priors: the same of gravity.
         alternatives: other answers that the evidence does not rule out (loss "auto" alone looks for
             them, and not where an initial value is given).
-        num_strained: edges that were kept, and that lie beyond twice the threshold once the priors
-            are met: some prior is wrong, or an edge that was kept.
+        num_strained: edges that were kept and within the threshold, theirs and that of the priors,
+            and that lie beyond twice as much once the priors are met: a prior is wrong, or one of
+            these edges.
+        noise_shows: False where the noise would be half a radian or more: too few edges agree to
+            tell it from errors.
     """
 
     loss: str
@@ -95,11 +96,7 @@ class RobustFit(ReadOnly):
     gravity_priors: PriorFit | None = None
     alternatives: tuple[Alternative, ...] = ()
     num_strained: int = 0
-
-    @property
-    def noise_shows(self) -> bool:
-        """Whether the edges agree closely enough for the noise to be told from errors."""
-        return self.noise < _MOST_NOISE
+    noise_shows: bool = True
 
     @property
     def num_parts(self) -> int:

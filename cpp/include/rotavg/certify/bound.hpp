@@ -39,7 +39,7 @@ inline void check(const CertificateOptions& options) {
 enum class CertificateMethod {
   factorization,  ///< sparse Cholesky factorisation of S with a node removed
   connectivity,   ///< that of the scalar Laplacian outweighs the residuals (connectivity.hpp)
-  relaxation,     ///< the optimum of the relaxation (6), proved at a lifted point
+  relaxation,     ///< a bound on the optimum of the relaxation (6), proved at a lifted point
   nonnegativity,  ///< f* >= 0, and f(R) is zero to the tolerance
   random_start,   ///< an iteration from a random start, but for a stated probability
   eigenvalue,     ///< an estimate of the smallest eigenvalue, by LOBPCG
@@ -58,11 +58,12 @@ struct ComponentBound {
   double failure_probability = 0.0;  ///< of the proof; zero of all but random_start
 };
 
-/// A lower bound on what f can be on one component: zero, or the optimum of the relaxation (6).
+/// A lower bound on what f can be on one component: zero, or one on the optimum of the relaxation
+/// (6).
 struct LowerBound {
   double value = 0.0;
   CertificateMethod method = CertificateMethod::nonnegativity;  ///< how it is known
-  bool is_met = false;  ///< it is the optimum of the relaxation, to a relative 1e-6
+  bool is_optimum = false;  ///< of the relaxation, to a relative 1e-6
 };
 
 }  // namespace rotavg

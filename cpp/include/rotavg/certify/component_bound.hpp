@@ -28,6 +28,7 @@ namespace rotavg {
 /// - the factorisation of S, where it is quick, or costs at most a few times what a random start
 ///   would: it is the surest, and the only one that graphs with long thin parts allow;
 /// - the connectivity, which takes 1/27 of that at most, on dense graphs;
+/// - a random start before any order is sought, on graphs that seem to fill in;
 /// - a random start, whose proof has a stated probability; all threads, and 80 bytes an edge;
 /// - where that is inconclusive, the factorisation after all, if it fits into memory and the limit;
 /// - and where nothing else is left, a short estimate.
@@ -75,7 +76,8 @@ class ComponentBounds {
       if (random_start) {
         start_bound = by_random_start(*random_start);
         if (is_end(start_bound)) return start_bound;
-        may_start = false;  // it would come to the same end
+        // Else it would come to the same end.
+        may_start = random_start->is_limited() && !start_bound.is_definite;
       }
     }
     const double by_factor = elimination_.flops(3, options_.max_factorization_flops);
@@ -153,23 +155,25 @@ class ComponentBounds {
   }
 
   /// Where S fills in, an order of elimination alone takes longer than products do: wide levels
-  /// make that likely, and on large graphs products tell. A random start where it is so, and may
-  /// do.
+  /// make that likely, and on large graphs products tell.
+  /// @returns a random start where it is so, and the start may do
   std::optional<RandomStart> start_before_an_order(double by_products) {
     constexpr double large = 2e5;  // ends of edges
-    const double bearable = std::max(ProofCosts::quick, ProofCosts::worth_certainty * by_products);
+    const double bearable_flops =
+        std::max(ProofCosts::quick, ProofCosts::worth_certainty * by_products);
     // Of random graphs the largest front has about as many nodes as the widest level.
-    const double likely = 27.0 * Connectivity::flops(0.5 * elimination_.widest_level());
-    if (!(ends_ > large || likely > bearable)) return std::nullopt;
+    const double likely_flops = 27.0 * Connectivity::flops(0.5 * elimination_.widest_level());
+    const bool is_wide = likely_flops > bearable_flops;
+    if (!(ends_ > large || is_wide)) return std::nullopt;
     RandomStart random_start(S_, q_, random_start_options());
-    if (ends_ > large && random_start.theta_exceeds(theta_of_separator(bearable))) {
+    if (ends_ > large && random_start.theta_exceeds(theta_of_separator(bearable_flops))) {
       return random_start;
     }
-    if (likely > bearable) {
-      random_start.limit_products(likely / cost(1.0));
-      if (random_start.may_do()) return random_start;
-    }
-    return std::nullopt;
+    if (!is_wide) return std::nullopt;
+    // A tree with many branches is wide as well; it takes more.
+    random_start.limit_products(ProofCosts::worth_certainty * ProofCosts::usual_products);
+    if (!random_start.may_do()) return std::nullopt;
+    return random_start;
   }
 
   bool fits() const { return has_memory_for(elimination_.factor_bytes(3)); }

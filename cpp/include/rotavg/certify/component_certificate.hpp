@@ -127,7 +127,7 @@ inline ComponentCertificate certify_component(const ComponentBound& bound, const
   certificate.relative_gap = measure.relative(certificate.gap);
   certificate.verdict = verdict_of(certificate, tolerance);
   if (certificate.verdict == Verdict::not_certified) {
-    certificate.shortfall = certificate.method == CertificateMethod::relaxation && known.is_met
+    certificate.shortfall = certificate.method == CertificateMethod::relaxation && known.is_optimum
                                 ? Shortfall::relaxation
                             : bound.is_definite      ? Shortfall::leftover
                             : bound.lambda_min < 0.0 ? Shortfall::negative

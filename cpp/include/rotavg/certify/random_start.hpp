@@ -77,7 +77,11 @@ class RandomStartOf {
   const OperatorOf<2>& M() const { return operator_; }
 
   /// More products than this are not worth while.
-  void limit_products(double max_products) { options_.max_products = max_products; }
+  void limit_products(double max_products) {
+    is_limited_ = max_products < options_.max_products;
+    options_.max_products = std::min(options_.max_products, max_products);
+  }
+  bool is_limited() const { return is_limited_; }
 
   /// Roughly the smallest eigenvalue of M on the complement, by Lanczos' method: never below it.
   double theta() {
@@ -265,7 +269,7 @@ class RandomStartOf {
   Operator operator_;
   Options options_;
   double theta_ = std::numeric_limits<double>::quiet_NaN();
-  bool stopped_ = false;
+  bool stopped_ = false, is_limited_ = false;
   mutable double rounding_ = 0.0;
 };
 

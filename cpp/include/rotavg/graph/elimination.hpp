@@ -73,9 +73,11 @@ class Elimination {
   /// Whether the order is known, so that flops() costs nothing.
   bool has_order() const { return order_.has_value(); }
 
-  /// See rotavg::widest_level().
+  /// Of the matrices' own graph: see rotavg::widest_level().
   Index widest_level() {
-    if (!widest_level_) widest_level_ = rotavg::widest_level(*graph_, *components_, component_);
+    if (!widest_level_) {
+      widest_level_ = rotavg::widest_level(*graph_, *components_, component_, skipped_);
+    }
     return *widest_level_;
   }
 

@@ -7,8 +7,11 @@
 #include <utility>
 #include <vector>
 
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/graph/series.hpp>
+#include <rotavg/init/chordal.hpp>
 #include <rotavg/robust/edge_knowledge.hpp>
 #include <rotavg/robust/gnc.hpp>
 #include <rotavg/robust/inner.hpp>
@@ -100,13 +103,13 @@ class RobustRun {
   /// Least squares, roughly, from the chordal value; nothing where its matrix takes long to factor.
   std::optional<Rotations> least_squares_from_chordal() {
     constexpr double flops_an_edge = 1e5;  // some hundreds of sweeps
-    SolveOptions l2 = rough();
-    l2.init = Initialization::chordal;
-    l2.certificate.max_factorization_flops =
-        std::min(l2.certificate.max_factorization_flops, flops_an_edge * graph_.num_edges());
-    Solution solution = solve(graph_, l2);
+    const Components components = connected_components(graph_);
+    auto eliminations = grounded_eliminations(graph_, components, num_threads_);
+    std::optional<Rotations> R =
+        chordal_init(graph_, eliminations, flops_an_edge * graph_.num_edges(), keep_going());
+    if (!R) return std::nullopt;
+    Solution solution = solve(graph_, rough(), std::move(R));
     took(solution);
-    if (solution.init != Initialization::chordal) return std::nullopt;
     return std::move(solution.rotations);
   }
 

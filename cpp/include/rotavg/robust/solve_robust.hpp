@@ -42,6 +42,8 @@ struct PriorVerdicts {
 struct RobustSolution : Solution {
   RobustLoss loss;     ///< with the scale that was used
   double noise = 0.0;  ///< estimated standard deviation of the noise angle, radians; from 1e-4 on
+  /// False where it would be half a radian or more: too few edges agree to tell it from errors.
+  bool noise_shows = true;
   /// Of outliers, radians: 3 times the noise, and no less than a scale within which at least half
   /// of the weight is left; of Loss::tls the scale; pi with Loss::l2, which has none.
   double threshold = 0.0;
@@ -52,8 +54,8 @@ struct RobustSolution : Solution {
   std::vector<double> edge_scales;
   EdgeVerdicts verdicts;
   PriorVerdicts absolute, gravity;  ///< empty without priors
-  /// Edges that were kept, and that lie beyond twice the threshold once the priors are met: these
-  /// and the measurements contradict one another.
+  /// Edges that were kept and within the threshold, theirs and that of the priors, and that lie
+  /// beyond twice as much once the priors are met: a prior is wrong, or one of these edges.
   Index num_strained = 0;
   Index moved_by_votes = 0;
   /// Other answers that the evidence does not rule out (find_stories); of the loss automatic alone.

@@ -114,13 +114,11 @@ inline bool has_few_edges(const MeasurementGraph& graph) {
 /// Whether more than noise or a few wrong edges contradict rotations.
 inline bool many_contradict(RobustRun& run, const Rotations& R) {
   constexpr double many = 0.02;
-  const double noise = run.noise_at(R), most = outlier_noises * outlier_noises * noise * noise;
-  const std::vector<double>& x = run.squared_residuals_at(R);
-  double beyond = 0.0;
-  for (std::size_t k = 0; k < x.size(); ++k) {
-    beyond += x[k] * precision_of(run.precision(), k) > most;
-  }
-  return beyond > many * static_cast<double>(x.size());
+  const std::vector<double> x = run.series_residuals_at(R);
+  const double most = outlier_noises * run.noise_at(R);
+  const auto beyond =
+      std::count_if(x.begin(), x.end(), [&](double x_s) { return x_s > most * most; });
+  return static_cast<double>(beyond) > many * static_cast<double>(x.size());
 }
 
 /// (m,) edges that the cycle check leaves out: none that is trusted.
@@ -209,11 +207,14 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   };
   IterationResult l1 = with_l1(answers.back());
   const bool starts_freely = !start && options.init == Initialization::automatic && !knows_weights;
-  if (starts_freely && detail::has_few_edges(part.graph()) &&
+  if (starts_freely && detail::has_few_edges(part.graph()) && run.ended() == Status::not_run &&
       detail::many_contradict(run, l1.rotations)) {
     if (const auto chordal = run.least_squares_from_chordal()) {
       IterationResult other = with_l1(*chordal);
-      if (other.objective < l1.objective) l1 = std::move(other);
+      if (other.objective < l1.objective) {
+        l1 = std::move(other);
+        init = Initialization::chordal;
+      }
     }
   }
   answers.push_back(l1.rotations);
@@ -290,6 +291,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   }
   solution.loss = loss;
   solution.noise = noise;
+  solution.noise_shows = noise < most_noise;
   solution.moved_by_votes = consensus.moved;
   solution.edge_weights = std::move(weights);
   solution.robust_objective =

@@ -145,13 +145,32 @@ inline void join_parts(const GroundedGraph& problem, RobustSolution& solution) {
   solution.verdicts.part = part;
 }
 
-/// RobustSolution::num_strained. (Edges that the loss does not touch have no threshold.)
-inline Index num_strained(const MeasurementGraph& given, const RobustSolution& solution) {
+/// (m,) half the squared residuals, as squared_residuals() has them.
+inline std::vector<double> half_squares(const MeasurementGraph& given, const Rotations& R) {
+  std::vector<double> x;
+  x.reserve(given.edges().size());
+  for (const Edge& e : given.edges()) x.push_back(0.5 * residual(e, R).squaredNorm());
+  return x;
+}
+
+/// RobustSolution::num_strained: of the edges that were kept, and that have a threshold, where
+/// cycles tell it.
+/// @param before half_squares() before the priors were met
+inline Index num_strained(const MeasurementGraph& given, const std::vector<double>& before,
+                          const RobustSolution& solution) {
+  const auto& verdicts = solution.verdicts.edges;
+  const auto is_checked = [](EdgeVerdict v) {
+    return v == EdgeVerdict::inlier || v == EdgeVerdict::robust_weight;
+  };
+  if (std::none_of(verdicts.begin(), verdicts.end(), is_checked)) return 0;
+  const double priors_do = std::max(solution.absolute.threshold, solution.gravity.threshold);
+  const std::vector<double> after = half_squares(given, solution.rotations);
   Index strained = 0;
-  for (Index k = 0; k < given.num_edges(); ++k) {
-    const double most = 2.0 * solution.threshold * solution.edge_scales[k];
-    const double x = 0.5 * residual(given.edges()[k], solution.rotations).squaredNorm();
-    strained += solution.verdicts.edges[k] == EdgeVerdict::inlier && x > most * most;
+  for (std::size_t k = 0; k < verdicts.size(); ++k) {
+    if (verdicts[k] != EdgeVerdict::inlier && verdicts[k] != EdgeVerdict::bridge) continue;
+    const double threshold = std::max(solution.threshold * solution.edge_scales[k], priors_do);
+    const double most = threshold * threshold;
+    strained += before[k] <= most && after[k] > 4.0 * most;
   }
   return strained;
 }
@@ -192,6 +211,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem,
     return solution;
   }
   if (stop.made()) solution.status = Status::stopped;
+  const std::vector<double> before = detail::half_squares(problem.given(), solution.rotations);
   GroundedGraph weighted = problem;
   weighted.set_weights(solution.edge_weights);
   const std::vector<Index> component = solution.components.label;  // by measurements alone
@@ -200,7 +220,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem,
   }
   detail::join_parts(problem, solution);
   static_cast<Solution&>(solution) = detail::meet_priors(weighted, solution, options, watch);
-  solution.num_strained = detail::num_strained(problem.given(), solution);
+  solution.num_strained = detail::num_strained(problem.given(), before, solution);
   for (Alternative& story : solution.alternatives) {
     adopt_gauge(component, story.group, solution.rotations, story.rotations);
   }

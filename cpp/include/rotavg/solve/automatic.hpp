@@ -55,24 +55,25 @@ inline IterationOptions remaining(const IterationOptions& options, const Iterati
   return rest;
 }
 
-/// Whether the Laplacian fills in so that its factor costs more than some tens of sweeps; where no
-/// order of elimination is known, whether a look at the graph makes that likely, as on random
-/// graphs the order alone takes longer than all sweeps.
+/// Whether the Laplacian is likely to fill in, by a look at the graph: on random graphs an order of
+/// elimination alone takes longer than all sweeps.
 inline bool fills_in(const MeasurementGraph& graph, std::vector<Elimination>& eliminations) {
-  constexpr double wide = 1.0 / 6.0;       // a level's share of all nodes
-  constexpr Index small = 300;             // nodes, of which any order does
-  constexpr double sweeps = 40.0 * 220.0;  // operations for each end of an edge
-  double in_levels = 0.0, flops = 0.0;
+  constexpr double wide = 1.0 / 6.0;  // a level's share of all nodes
+  constexpr Index small = 300;        // rows, of which any order does
+  double in_levels = 0.0;
   for (Elimination& elimination : eliminations) {
-    if (elimination.size() <= small) continue;
-    if (elimination.has_order()) {
-      flops += elimination.flops(1, 0.0);
-    } else {
-      in_levels += elimination.widest_level();
-    }
+    if (elimination.size() > small) in_levels += elimination.widest_level();
   }
-  return in_levels > wide * graph.num_nodes() || flops > sweeps * 2.0 * graph.num_edges();
+  return in_levels > wide * graph.num_nodes();
 }
+
+/// Where solve_automatically() starts.
+enum class StartsFrom {
+  initial_value,  ///< the gradient is small on average at any tree's start, which meets most edges
+                  ///< exactly
+  given,          ///< the caller's rotations: no sweeps are needed where the gradient is small
+  newton,         ///< where Newton's method has ended, and is to go on
+};
 
 /// A second start, made only if it is asked for.
 struct OtherStart {
@@ -101,15 +102,13 @@ struct OtherStart {
 ///   between they go by colours, so that all threads are of use.
 ///
 /// @param eliminations of all components, without their roots
-/// @param given whether R is the caller's: only then are the sweeps left out where the gradient is
-///        small. (It is small on average at any tree's start, which meets most edges exactly.)
 /// @param method receives what was used in the end
 /// @param reason receives one line on what was chosen and why
 /// @param other another start, for where Newton's method wanders
 inline IterationResult solve_automatically(const MeasurementGraph& graph,
                                            std::vector<Elimination>& eliminations,
                                            const Rotations& R, const IterationOptions& options,
-                                           bool given, Method& method, std::string& reason,
+                                           StartsFrom from, Method& method, std::string& reason,
                                            OtherStart* other = nullptr) {
   constexpr double sparse_degree = 20.0;                    // edges at a node, on average
   constexpr double dense_degree = 64.0, dense_share = 0.1;  // of all pairs of nodes
@@ -120,7 +119,8 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   constexpr int straight_steps = 5;  // of Newton's method
   constexpr double wandering = 0.1;  // radians, the largest gradient after these
   const double n = std::max<Index>(graph.num_nodes(), 1), degree = 2.0 * graph.num_edges() / n;
-  const bool sparse = degree <= sparse_degree && !fills_in(graph, eliminations);
+  const bool filled = degree <= sparse_degree && fills_in(graph, eliminations);
+  const bool sparse = degree <= sparse_degree && !filled;
   const bool dense = degree >= dense_degree && degree >= dense_share * n;
   const auto line = [&reason](const auto&... parts) {
     std::ostringstream text;
@@ -134,7 +134,8 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     for (Index l = 0; l < graph.num_nodes(); ++l) squares += graph.degree(l) * graph.degree(l);
     return start.gradient_norm <= near * std::sqrt(squares);
   };
-  const bool may_skip = sparse && given && options.max_iterations > 0 && options.time_limit > 0.0;
+  const bool may_skip = (from == StartsFrom::newton || (sparse && from == StartsFrom::given)) &&
+                        options.max_iterations > 0 && options.time_limit > 0.0;
 
   // Sweeps, until they have converged or prove slow.
   method = dense ? Method::sum : Method::bcd;
@@ -150,7 +151,8 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     const bool skip = may_skip && progress.iteration == 0 && is_near(progress);
     if (!skip && progress.iteration < (sparse ? first_sweeps : watched_sweeps)) return true;
     const double sweeps = std::log(options.tolerance / last) / std::log(rate);
-    slow = sparse || (options.stop == StopRule::gradient && !(rate < 1.0 && sweeps <= patience));
+    slow = sparse || skip ||
+           (options.stop == StopRule::gradient && !(rate < 1.0 && sweeps <= patience));
     return !slow;
   };
   std::optional<Coloring> coloring;
@@ -161,8 +163,8 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     if (result.iterations == 0 && is_converged(result.status)) {
       line("the start was stationary");
     } else {
-      line(name, ": average degree ", degree, ", ", result.iterations, " sweeps",
-           is_converged(result.status) ? " did" : "");
+      line(name, ": average degree ", degree, ", ", filled ? "the Laplacian would fill in, " : "",
+           result.iterations, " sweeps", is_converged(result.status) ? " did" : "");
     }
     return result;
   }
@@ -191,8 +193,8 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
       other->is_used = there && objective(graph, *there) < result.trace.back().objective;
       const IterationOptions more = remaining(options, result);
       if (other->is_used) {
-        append(result, solve_automatically(graph, eliminations, *there, more, /*given=*/false,
-                                           method, reason));
+        append(result, solve_automatically(graph, eliminations, *there, more,
+                                           StartsFrom::initial_value, method, reason));
         reason = "newton wandered, and began anew: " + reason;
       } else {
         const Rotations here = result.rotations;

@@ -179,8 +179,10 @@ class SolveRun {
       const int iterations = next.iterations;
       const Rotations R = next.rotations;
       std::string reason;
-      append(next, solve_automatically(graph_, eliminations_, R, options, /*given=*/true,
-                                       next.method, reason));
+      append(next, solve_automatically(
+                       graph_, eliminations_, R, options,
+                       next.method == Method::newton ? StartsFrom::newton : StartsFrom::given,
+                       next.method, reason));
       iterations_ += next.iterations - iterations;
       fix_gauge(components_, next.rotations);
       next.timings.solve += watch_.seconds() - before;
@@ -221,8 +223,9 @@ class SolveRun {
       return bcd(graph_, *start, sweeps).rotations;
     }};
     IterationResult result = solve_automatically(
-        graph_, eliminations_, R, limits, origin == Origin::given, solution.method, solution.reason,
-        origin == Origin::automatic ? &chordal : nullptr);
+        graph_, eliminations_, R, limits,
+        origin == Origin::given ? StartsFrom::given : StartsFrom::initial_value, solution.method,
+        solution.reason, origin == Origin::automatic ? &chordal : nullptr);
     if (chordal.is_used) solution.init = Initialization::chordal;
     return result;
   }

@@ -112,6 +112,7 @@ class StaircaseOf {
 
   /// What the lifted point proves, or estimates: no rotations have a lower objective.
   LowerBound lower_bound() {
+    solved_ = false;
     const auto S = certificate_matrix();
     const ComponentBound bound =
         bound_certificate_matrix(S, max_flops_, keep_going_, connection_.num_threads());
