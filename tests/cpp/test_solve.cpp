@@ -62,7 +62,7 @@ TEST_CASE("sweeps solve random graphs, whose Laplacian fills in, and Newton's me
     CHECK(solution.objective == doctest::Approx(solve(graph, newton).objective).epsilon(1e-12));
     return solution.method;
   };
-  const Index n = 900;
+  const Index n = 2000;
   CHECK(solved_by(test::simulate_graph(random, test::random_connected(random, n, 3 * n), 0.05)) ==
         Method::bcd);
   CHECK(solved_by(test::simulate_graph(random, test::grid(30, 30), 0.05)) == Method::newton);
@@ -86,7 +86,7 @@ TEST_CASE("the world that all nodes of a lattice know does not make it look like
 TEST_CASE("where Newton's method has ended, polishing goes on by it, on graphs that fill in, too") {
   Random random;
   INFO(random.replay());
-  auto measurements = test::simulate(random, test::random_connected(random, 400, 800), 1e-7);
+  auto measurements = test::simulate(random, test::random_connected(random, 2000, 4000), 1e-7);
   test::spread_weights(random, 1.0, measurements);
   SolveOptions options;
   options.iteration.tolerance = 1e-2;  // so that something is left to do for the proof

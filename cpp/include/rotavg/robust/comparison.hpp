@@ -42,9 +42,9 @@ class Comparison {
   /// That of the weights if it is nothing that chance makes, and of the voices if not.
   double lead() const { return std::abs(in_weight) > chance ? in_weight : lead_in_voices(); }
   /// Whether the first is the better one. Its lead is nothing that chance makes; or it tends to
-  /// that, and either the number of edges does, too, or the edges of the other have hardly a voice:
-  /// so do those beside a handful that was fitted to its voices, which tells nothing. But against
-  /// the voices a few edges do not win by what they weigh.
+  /// that, and either the number of edges does, too, or the edges of the other have hardly a voice.
+  /// (That tells nothing beside a handful, to whose voices an answer was fitted.) But against the
+  /// voices a few edges do not win by what they weigh.
   bool clear() const {
     constexpr double tendency = 1.5, hardly = 0.2;
     constexpr Index few = 20, handful = 10;

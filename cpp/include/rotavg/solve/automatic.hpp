@@ -55,16 +55,16 @@ inline IterationOptions remaining(const IterationOptions& options, const Iterati
   return rest;
 }
 
-/// Whether the Laplacian is likely to fill in, by a look at the graph: on random graphs an order of
-/// elimination alone takes longer than all sweeps.
+/// Whether the Laplacian is likely to fill in so that its factor costs more than some twenty
+/// sweeps, by a look at the graph: on random graphs, whose largest front has about as many nodes as
+/// the widest level, an order of elimination alone takes longer than all sweeps.
 inline bool fills_in(const MeasurementGraph& graph, std::vector<Elimination>& eliminations) {
-  constexpr double wide = 1.0 / 6.0;  // a level's share of all nodes
-  constexpr Index small = 300;        // rows, of which any order does
-  double in_levels = 0.0;
+  constexpr double sweeps = 20.0, flops_an_end = 220.0;
+  double flops = 0.0;
   for (Elimination& elimination : eliminations) {
-    if (elimination.size() > small) in_levels += elimination.widest_level();
+    flops += std::pow(elimination.widest_level(), 3) / 3.0;
   }
-  return in_levels > wide * graph.num_nodes();
+  return flops > sweeps * flops_an_end * 2.0 * graph.num_edges();
 }
 
 /// Where solve_automatically() starts.
