@@ -8,13 +8,14 @@ weights are 1. `solve` is warm-started from the last rotations, with its proof, 
 as a user would write it without `Online`; it is measured at some steps, spread evenly, iSAM2 at
 all, or up to the time limit. CPU time of the thread: mean, median, 99th percentile and largest
 milliseconds a step. The errors are (f - f*) / f* at those steps, f* by `solve` with its proof; of
-iSAM2 at its end.
+iSAM2, and of Online with other tolerances, at the end: of the latter, what is proved at every step.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -145,6 +146,24 @@ def measure_online(data: Sequence, checks: set[int]) -> tuple[Measured, Measured
     return ours, warm
 
 
+def measure_tolerance(data: Sequence, tolerance: float) -> Measured:
+    """Online where this is enough; its error is the largest gap that was proved."""
+    result = Measured(f"Online, to {tolerance:g}")
+    online = rotavg.Online(tolerance=tolerance)
+    largest = 0.0
+    for step in range(data.num_steps):
+        rows = slice(data.begins[step], data.begins[step + 1])
+        edges, rotations = data.edges[rows], data.rotations[rows]
+        began = time.thread_time()
+        online.add(edges, rotations)
+        proved = online.verdict
+        result.seconds.append(time.thread_time() - began)
+        assert proved == "proved", f"step {step} of {data.name}: {online}"
+        largest = max(largest, online.relative_gap)
+    result.errors.append(largest)
+    return result
+
+
 def measure_isam(data: Sequence, limit: float) -> Measured:
     """GTSAM's iSAM2 with its defaults, but for relinearisation at every step."""
     import gtsam
@@ -183,7 +202,7 @@ def measure_isam(data: Sequence, limit: float) -> Measured:
     return result
 
 
-def show(name: str, limit: float, count: int, with_isam: bool) -> None:
+def show(name: str, limit: float, count: int, with_isam: bool, tolerances: Iterable[float]) -> None:
     """Measure one sequence, print its table."""
     data = load(name)
     print(f"\n**{data.name}**: {data.num_steps + 1} poses, {len(data.edges)} edges\n")
@@ -194,6 +213,9 @@ def show(name: str, limit: float, count: int, with_isam: bool) -> None:
     mean = np.mean(ours.seconds)
     print(ours.row(1.0))
     print(warm.row(float(np.mean(warm.seconds) / mean)), flush=True)
+    for tolerance in tolerances:
+        loose = measure_tolerance(data, tolerance)
+        print(loose.row(float(np.mean(loose.seconds) / mean)), flush=True)
     median = np.median(warm.seconds) / np.median(ours.seconds)
     if with_isam:
         isam = measure_isam(data, limit)
@@ -213,9 +235,12 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=50, help="steps at which solve() is measured")
     parser.add_argument("--time-limit", type=float, default=120.0, help="of iSAM2, seconds")
     parser.add_argument("--no-isam", action="store_true", help="leave GTSAM out")
+    parser.add_argument(
+        "--tolerances", nargs="*", type=float, default=[1e-3, 1e-2], help="others of Online"
+    )
     options = parser.parse_args()
     for name in options.names:
-        show(name, options.time_limit, options.count, not options.no_isam)
+        show(name, options.time_limit, options.count, not options.no_isam, options.tolerances)
 
 
 if __name__ == "__main__":

@@ -247,3 +247,26 @@ TEST_CASE("any work at all exceeds a limit of zero") {
   const Components components = connected_components(graph);
   CHECK(Elimination(graph, components, 0).flops(3, 0.0) > 0.0);
 }
+
+TEST_CASE("a look at a random graph tells what its factorisation takes, within a factor") {
+  Random random;
+  INFO(random.replay());
+  const Index n = 1500;
+  for (const double extra : {0.1, 0.5, 1.0, 3.0, 7.0}) {
+    CAPTURE(extra);
+    const auto more = static_cast<Index>(extra * n);
+    const MeasurementGraph graph =
+        test::simulate_graph(random, test::random_connected(random, n, more), 0.1);
+    const Components components = connected_components(graph);
+    Elimination elimination(graph, components, 0);
+    const double likely = elimination.likely_flops(3);
+    CHECK(likely == 27.0 * elimination.likely_flops(1));
+    CHECK_FALSE(elimination.has_order());
+    const double factor = likely / elimination.flops(3, no_limit);
+    CHECK(factor > 0.2);
+    CHECK(factor < 5.0);
+  }
+  const MeasurementGraph chain = test::simulate_graph(random, test::path(n), 0.1);
+  const Components components = connected_components(chain);
+  CHECK(Elimination(chain, components, 0).likely_flops(1) == 0.0);
+}

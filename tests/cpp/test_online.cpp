@@ -102,6 +102,66 @@ TEST_CASE("after every edge the optimum is that of solve()") {
   }
 }
 
+TEST_CASE("what is proved to gain less than the tolerance waits") {
+  Random random;
+  INFO(random.replay());
+  OnlineOptions options;
+  options.tolerance = 0.03;
+  const double of_best = options.tolerance / (1.0 - options.tolerance);
+  for (const double noise : {0.01, 0.1}) {
+    const auto measurements = test::simulate(random, test::grid(9, 9), noise);
+    Online online(options), strict;
+    Index moved = 0, all_moved = 0;
+    int waited = 0;
+    for (const RelativeRotation& m : measurements) {
+      const double f = online.state().objective;
+      online.add({m});
+      strict.add({m});
+      check_against_solve(online, of_best);
+      CHECK(online.state().relative_gap <= options.tolerance);
+      moved += online.state().moved;
+      all_moved += strict.state().moved;
+      waited += online.state().objective > f && online.state().iterations == 0;
+    }
+    CHECK(waited > 2);  // of 64 that close a cycle
+    CHECK(2 * moved < all_moved);
+    // What waits is not forgotten: neither where edges go, nor where parts come to stand alone.
+    for (int k = 0; k < 10; ++k) {
+      const Index edge = random.below(static_cast<Index>(measurements.size()));
+      k % 2 == 0 ? online.set_weights({edge}, {0.0}) : online.set_weights({edge}, {2.0});
+      check_against_solve(online, of_best);
+    }
+    std::vector<Index> cut;
+    for (Index k = 0; k < static_cast<Index>(measurements.size()); ++k) {
+      if (measurements[k].i < 36 && measurements[k].j >= 36) cut.push_back(k);
+    }
+    online.add({measurements[0], measurements[5]});
+    online.remove(cut);
+    check_against_solve(online, of_best);
+    CHECK(online.state().num_components >= 2);
+  }
+}
+
+TEST_CASE("a closure that a robust loss would leave out does not wait") {
+  Random random;
+  INFO(random.replay());
+  OnlineOptions options;
+  options.loss = Loss::tls;
+  options.loss_scale = 0.3;
+  options.tolerance = 0.5;
+  const Index n = 200;
+  const Rotations truth = random.rotations(n);
+  Online online(options);
+  online.add(test::measure(random, test::path(n), truth, 0.05), std::vector<bool>(n - 1, true));
+  // Odometry has drifted by more than the scale, and the closures are right.
+  test::Pairs pairs;
+  for (Index k = 0; k < 20; ++k) pairs.push_back({k, n - 1 - k});
+  for (const RelativeRotation& m : test::measure(random, pairs, truth, 0.01)) online.add({m});
+  CHECK(online.state().num_outliers == 0);
+  online.add({{5, n - 7, truth[5].transpose() * truth[n - 7] * exp_so3({1.0, 0.0, 0.0})}});
+  CHECK(online.state().num_outliers == 1);
+}
+
 TEST_CASE("edges come, go, and change their weights") {
   Random random;
   INFO(random.replay());

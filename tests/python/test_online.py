@@ -77,6 +77,25 @@ def test_it_is_the_optimum_of_solve_at_every_step() -> None:
                     check(online)
 
 
+def test_what_gains_less_than_the_tolerance_waits_and_the_gap_says_so() -> None:
+    random = np.random.default_rng(SEED)
+    edges = random_edges(random, 40, 80)
+    _, rotations = measured(random, edges, 40, 0.05)
+    online = rotavg.Online(tolerance=0.05)
+    waited = 0
+    for k, edge in enumerate(edges):
+        before = online.objective
+        online.add([edge], rotations[k])
+        best = rotavg.solve(online.graph).objective
+        f = rotavg.objective(online.graph, online.rotations)
+        assert abs(f - online.objective) <= 1e-9 * f + 1e-24, SEED
+        assert f - best <= online.gap + 1e-12 * f + 1e-24, SEED
+        assert online.gap <= 0.05 * f + 1e-20, SEED
+        assert online.verdict == rotavg.Verdict.PROVED, SEED
+        waited += online.objective > before and online.state.iterations == 0
+    assert waited > 4, SEED
+
+
 def test_two_solutions_are_equal_only_if_they_are_one() -> None:
     online = rotavg.Online()
     online.add([("a", "b")], [np.eye(3)])
@@ -208,6 +227,10 @@ def test_follow_prints_a_line_for_every_edge(tmp_path: Path) -> None:
     solution = rotavg.solve(rotavg.read(file))
     assert states[-1]["objective"] == pytest.approx(solution.objective, rel=1e-9)
     assert all(s["certificate"]["verdict"] == "proved" for s in states)
+    loose = CliRunner().invoke(commands, ["solve", "--follow", str(file), "--tolerance", "0.5"])
+    last = json.loads(loose.output.splitlines()[-1])
+    assert last["certificate"]["relative_gap"] <= 0.5
+    assert last["certificate"]["verdict"] == "proved"
 
 
 @pytest.mark.parametrize(

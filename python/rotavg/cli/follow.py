@@ -19,7 +19,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 # The options of `rotavg solve` that it has a use for.
 KNOWN = {"input_path", "follow", "as_json", "unit_weights", "certificate_tolerance"}
-KNOWN |= {"loss", "loss_scale"}
+KNOWN |= {"tolerance", "loss", "loss_scale"}
 
 
 def follow_option(command: F) -> F:
@@ -28,7 +28,9 @@ def follow_option(command: F) -> F:
         "--follow",
         is_flag=True,
         help="Read the lines of a g2o file as they come (INPUT - is standard input), and print one "
-        "line of JSON after every edge: the optimum so far, and whether it is proved.",
+        "line of JSON after every edge: the optimum so far, and whether it is proved. With it "
+        "--tolerance is a part of the objective (1e-10 if none is given): what is proved to gain "
+        "less waits.",
     )
     return option(command)
 
@@ -50,8 +52,12 @@ def follow_input(input_path: Path, settings: dict[str, Any], loss_scale: float |
         raise click.UsageError("--loss auto is not possible with --follow: name a loss")
     if loss != "l2" and loss_scale is None:
         raise click.UsageError("--follow needs a --loss-scale with --loss, in degrees")
+    tolerance = {"tolerance": settings["tolerance"]} if "tolerance" in typed() else {}
     online = rotavg.Online(
-        certificate_tolerance=settings["certificate_tolerance"], loss=loss, loss_scale=loss_scale
+        **tolerance,
+        certificate_tolerance=settings["certificate_tolerance"],
+        loss=loss,
+        loss_scale=loss_scale,
     )
     if str(input_path) == "-":
         _follow(online, Path("stdin"), sys.stdin.buffer, settings["unit_weights"])

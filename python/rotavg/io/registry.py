@@ -168,7 +168,7 @@ class Format:
 
 
 HEAD_SIZE = 1 << 16
-_COMPRESSED = {
+_COMPRESSION_MAGIC = {
     "gzip": b"\x1f\x8b",
     "bzip2": b"BZh",
     "xz": b"\xfd7zXZ\x00",
@@ -251,9 +251,9 @@ def read_bytes(formats: Sequence[Format], path: Path, what: str = "a measurement
     content = data.removeprefix(BYTE_ORDER_MARK)
     if not content or content.isspace():
         raise FormatError(f"the file is empty, expected {what}", path=path)
-    for program, magic in _COMPRESSED.items():
+    for compression, magic in _COMPRESSION_MAGIC.items():
         if data.startswith(magic):
-            raise FormatError(f"the file is compressed by {program}, unpack it first", path=path)
+            raise FormatError(f"the file is compressed ({compression}), unpack it first", path=path)
     return data
 
 

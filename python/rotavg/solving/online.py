@@ -62,8 +62,11 @@ class Online:
         online.remove([closure])
 
     Args:
-        tolerance: of f(R) - f*, as a part of f: how near to the optimum the rotations are.
-        certificate_tolerance: largest relative gap that is called optimal.
+        tolerance: of f(R) - f*, as a part of f: how near to the optimum the rotations are. Changes
+            that are proved to gain less wait for others: with 1e-2 most do, and a step takes a
+            fraction of the time.
+        certificate_tolerance: largest relative gap that is called optimal; `tolerance`, where that
+            is larger.
         loss: "l2", or a robust loss of the edges that are not trusted; "auto" is none of those.
             "tls" leaves out, one by one, the edges furthest beyond the scale, and takes them back
             where the rotations of a later time agree with them. What is proved is the optimum of

@@ -57,6 +57,7 @@ class ComponentBounds {
   ComponentBound operator()() {
     using Costs = ProofCosts;
     constexpr double dense = 0.1, near_complete = 0.5;  // of all pairs of nodes
+    constexpr double no_time = 1e7;                     // operations
     const double n = S_.num_nodes(), connectivity_flops = Connectivity::flops(n);
     const double by_products = cost(Costs::usual_products);
     if (const double cut = known_ ? known_->at(S_, q_) : 0.0; cut > 0.0) {
@@ -65,7 +66,7 @@ class ComponentBounds {
     }
     // Dense graphs before a factorisation of S is even analysed: it fills in.
     const double filled = ends_ / n / n;
-    if (filled > dense && 27.0 * connectivity_flops > Costs::quick) {
+    if (filled > dense && 27.0 * connectivity_flops > no_time) {
       const ComponentBound bound = by_connectivity(filled > near_complete, by_products);
       if (is_enough(bound)) return bound;
     }
@@ -161,9 +162,7 @@ class ComponentBounds {
     constexpr double large = 2e5;  // ends of edges
     const double bearable_flops =
         std::max(ProofCosts::quick, ProofCosts::worth_certainty * by_products);
-    // Of random graphs the largest front has about as many nodes as the widest level.
-    const double likely_flops = 27.0 * Connectivity::flops(0.5 * elimination_.widest_level());
-    const bool is_wide = likely_flops > bearable_flops;
+    const bool is_wide = elimination_.likely_flops(3) > bearable_flops;
     if (!(ends_ > large || is_wide)) return std::nullopt;
     RandomStart random_start(S_, q_, random_start_options());
     if (ends_ > large && random_start.theta_exceeds(theta_of_separator(bearable_flops))) {

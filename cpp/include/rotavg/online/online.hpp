@@ -17,9 +17,10 @@ class OnlineEngine;
 }
 
 struct OnlineOptions {
-  /// f(R) - f*, as a part of f: how near to the optimum the rotations are after every step.
+  /// f(R) - f*, as a part of f: how near to the optimum the rotations are after every step. Changes
+  /// that are proved to gain less wait for others: with 1e-2, most do.
   double tolerance = 1e-10;
-  /// Largest relative gap that is called optimal.
+  /// Largest relative gap that is called optimal; `tolerance`, where that is larger.
   double certificate_tolerance = 1e-6;
   /// Of edges that are not trusted; Loss::automatic is none of those that can be used here.
   Loss loss = Loss::l2;
@@ -33,7 +34,8 @@ struct OnlineState {
   double objective = 0.0;          ///< f(R), with the weights in use
   double gap = 0.0;                ///< f(R) - f* <= gap
   double relative_gap = 0.0;       ///< the worst of the components
-  double relative_gradient = 0.0;  ///< the largest; hanging edges have none
+  double relative_gradient = 0.0;  ///< the largest, when last something moved; hanging edges have
+                                   ///< none
   Index num_nodes = 0, num_edges = 0, num_components = 0;
   Index num_outliers = 0;  ///< edges that the loss leaves less than half their weight
   // Of the last step:

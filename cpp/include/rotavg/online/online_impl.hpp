@@ -28,7 +28,8 @@ class OnlineEngine {
  public:
   explicit OnlineEngine(const OnlineOptions& options)
       : options_(options),
-        optimum_(tended_, options.tolerance, options.certificate_tolerance),
+        certificate_tolerance_(std::max(options.certificate_tolerance, options.tolerance)),
+        optimum_(tended_, options.tolerance, certificate_tolerance_),
         weights_(tended_, {options.loss, options.loss_scale}) {
     const auto require = [](bool holds, const char* what) {
       if (!holds) throw std::invalid_argument(what);
@@ -146,12 +147,12 @@ class OnlineEngine {
   void follow(std::vector<Index> changed) {
     optimum_.counts() = StepCounts();
     optimum_.turned().clear();
-    optimum_.settle();
+    optimum_.settle(/*may_wait=*/options_.loss == Loss::l2 || weights_.are_settled(changed));
     if (options_.loss != Loss::l2) {
       constexpr int most = 30;
       std::unordered_set<Index> dropped, pardoned;
       for (int k = 0; k < most && weights_(optimum_.turned(), changed, dropped, pardoned); ++k) {
-        optimum_.settle();
+        optimum_.settle(/*may_wait=*/false);
       }
     }
     tended_.parted.clear();
@@ -171,8 +172,8 @@ class OnlineEngine {
       state_.gap += component.gap;
       state_.relative_gap = larger(state_.relative_gap, optimum_.relative_gap(component));
     }
-    state_.verdict = state_.relative_gap <= options_.certificate_tolerance ? Verdict::proved
-                                                                           : Verdict::not_certified;
+    state_.verdict =
+        state_.relative_gap <= certificate_tolerance_ ? Verdict::proved : Verdict::not_certified;
     state_.relative_gradient = optimum_.relative_gradient();
     state_.iterations = optimum_.counts().iterations;
     state_.eliminated = optimum_.counts().eliminated;
@@ -182,6 +183,7 @@ class OnlineEngine {
   }
 
   OnlineOptions options_;
+  double certificate_tolerance_;
   TendedCore tended_;
   OnlineOptimum optimum_;
   OnlineWeights weights_;

@@ -59,12 +59,14 @@ class OnlineOptimum {
   }
 
   /// After changes of the graph.
-  void settle() {
+  /// @param may_wait what is proved to gain less than the tolerance is put off until more has come
+  void settle(bool may_wait) {
     for (OnlineComponent& component : tended_.components) {
       const double enough = 1e-3 * tolerance_ * component.objective;
       if (component.is_touched && component.drift > enough)
         sum_objective(component, tended_.graph());
     }
+    if (may_wait && !tended_.touched.empty() && can_wait()) return;
     if (!tended_.touched.empty()) {
       follower_.take_in();
       converge();
@@ -78,6 +80,18 @@ class OnlineOptimum {
   }
 
  private:
+  /// Whether, at the rotations of now, the lower bound of earlier steps alone says enough.
+  bool can_wait() {
+    for (OnlineComponent& component : tended_.components) {
+      if (!component.is_touched) continue;
+      count(component);
+      component.gap = gap_by_lower_bound(component);
+      if (!(component.gap <= tolerance_ * component.objective && is_proved(component)))
+        return false;
+    }
+    return true;
+  }
+
   /// What one more step would gain is |y|^2 of the gradient alone, and what all would, where gains
   /// fall by a factor of rho, about |y|^2 / (1 - sqrt(rho)). Slow directions show in the gradient
   /// when that is small.
@@ -89,7 +103,8 @@ class OnlineOptimum {
       noise = std::min(noise, std::sqrt(component.objective / component.weight));
     }
     // Of the residuals. Where these are large the Hessian can be much softer than S.
-    constexpr double negligible = 1e-4, strict = 1e-8, large_noise = 0.1;
+    constexpr double negligible = 1e-4, large_noise = 0.1;
+    const double strict = 1e-3 * std::sqrt(tolerance_);
     const double gradient = noise < large_noise ? 1.0 : std::max(strict * noise, 1e-13);
     const bool converged = follower_.converge(negligible * noise, [&] {
       for (OnlineComponent& component : tended_.components) {
@@ -135,16 +150,24 @@ class OnlineOptimum {
     return component.drift + objective_rounding(component.weight, component.objective);
   }
 
-  void take_bound(OnlineComponent& component) {
+  /// The lower bound only grows, but for weight that goes.
+  static double gap_by_lower_bound(const OnlineComponent& component) {
+    return std::max(component.objective - component.lower_bound + rounding(component), 0.0);
+  }
+
+  void count(OnlineComponent& component) const {
     if (!component.is_counted) count_weights(component, tended_.graph());
     if (component.num_edges == 0) {
       component.objective = component.drift = component.weight = component.counted = 0.0;
     }
+  }
+
+  void take_bound(OnlineComponent& component) {
+    count(component);
     const double by_factor = gap_by_factor(component), error = rounding(component);
     component.lower_bound =
         std::max(component.lower_bound, component.objective - by_factor - error);
-    component.gap =
-        std::max(std::min(by_factor, component.objective - component.lower_bound + error), 0.0);
+    component.gap = std::min(by_factor, gap_by_lower_bound(component));
   }
 
   bool is_proved(const OnlineComponent& component) const {

@@ -29,6 +29,14 @@ class OnlineWeights {
     return e.weight < 0.5 * e.given;
   }
 
+  /// Whether the rotations of now leave the weights of these edges as they are.
+  bool are_settled(const std::vector<Index>& edges) const {
+    return tended_.parted.empty() && std::all_of(edges.begin(), edges.end(), [&](Index k) {
+             return !is_judged(k) ||
+                    (is_within_component(k) && !differs(k, loss_.weight(squared_chord(k))));
+           });
+  }
+
   void use_weight(Index k, double weight) {
     const bool was_used = tended_.graph().edge(k).weight > 0.0;
     if (was_used && !(weight > 0.0)) {
@@ -58,16 +66,14 @@ class OnlineWeights {
     }
     std::sort(edges.begin(), edges.end());
     edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
-    constexpr double coarse = 1e-3;
     const bool truncated = loss_.kind == Loss::tls;
     std::vector<std::pair<Index, double>> parts;
     double worst = 0.0;
     Index furthest = -1;
     for (const Index k : edges) {
       const OnlineEdge& e = tended_.graph().edge(k);
-      const bool hangs = e.weight > 0.0 && !e.in_core;
-      if (!e.is_there || e.trusted || !(e.given > 0.0) || hangs) continue;
-      if (tended_.core.node(e.i).component != tended_.core.node(e.j).component) {
+      if (!is_judged(k)) continue;
+      if (!is_within_component(k)) {
         if (pardoned.insert(k).second) parts.emplace_back(k, 1.0);
         continue;
       }
@@ -77,7 +83,7 @@ class OnlineWeights {
           worst = x;
           furthest = k;
         }
-      } else if (std::abs(part - e.weight / e.given) > coarse) {
+      } else if (differs(k, part)) {
         if (!truncated || pardoned.insert(k).second) parts.emplace_back(k, part);
       }
     }
@@ -94,6 +100,23 @@ class OnlineWeights {
   }
 
  private:
+  /// Whether the loss has a say: an edge that nothing checks is left alone.
+  bool is_judged(Index k) const {
+    const OnlineEdge& e = tended_.graph().edge(k);
+    const bool hangs = e.weight > 0.0 && !e.in_core;
+    return e.is_there && !e.trusted && e.given > 0.0 && !hangs;
+  }
+  bool is_within_component(Index k) const {
+    const OnlineEdge& e = tended_.graph().edge(k);
+    return tended_.core.node(e.i).component == tended_.core.node(e.j).component;
+  }
+  /// Whether an edge's weight is to be another part of what was given.
+  bool differs(Index k, double part) const {
+    constexpr double coarse = 1e-3;
+    const OnlineEdge& e = tended_.graph().edge(k);
+    return std::abs(part - e.weight / e.given) > coarse;
+  }
+
   /// r^2 of RobustLoss.
   double squared_chord(Index k) const {
     const OnlineEdge& e = tended_.graph().edge(k);

@@ -43,6 +43,13 @@ inline void squared_residuals(const MeasurementGraph& graph, const Quaternions& 
   });
 }
 
+inline std::vector<double> squared_residuals(const MeasurementGraph& graph, const Rotations& R,
+                                             int num_threads) {
+  std::vector<double> x;
+  squared_residuals(graph, to_quaternions(R), num_threads, x);
+  return x;
+}
+
 /// 2 sum w ((1 - s) rho(r^2) + s r^2) with s the least share: the objective (3) for the loss l2.
 /// @param precision (m,) in whose units the residuals are judged; empty: all 1
 inline double robust_objective(const std::vector<double>& weights, const std::vector<double>& x,

@@ -79,8 +79,7 @@ inline std::vector<Alternative> told(const MeasurementGraph& graph,
                                      const Portfolio& portfolio, const Rotations& R, double noise,
                                      const std::vector<double>& precision, int num_threads) {
   const auto residuals_at = [&](const Rotations& rotations) {
-    std::vector<double> x;
-    squared_residuals(graph, to_quaternions(rotations), num_threads, x);
+    std::vector<double> x = squared_residuals(graph, rotations, num_threads);
     for (std::size_t k = 0; k < x.size(); ++k) {
       x[k] *= precision_of(precision, k) / (noise * noise);
       if (!left_out.empty() && left_out[k]) x[k] = 0.0;
@@ -253,11 +252,8 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
 
   // 6.
   Rotations R = part.extended(reweighted.rotations);
-  std::vector<double> x, weights;
-  const auto update_residuals = [&] {
-    squared_residuals(graph, to_quaternions(R), run.num_threads(), x);
-  };
-  update_residuals();
+  const auto residuals_now = [&] { return squared_residuals(graph, R, run.num_threads()); };
+  std::vector<double> x = residuals_now(), weights;
   robust_weights(given, x, loss, units.precision, run.num_threads(), weights);
   // What is left of edges that were left out is no matter of the loss, and gives way to all that is
   // known besides: rejected priors keep as large a share as leave_out() leaves.
@@ -284,7 +280,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
                     (solution.reason.empty() ? "" : "; then " + solution.reason);
 
   R = solution.rotations;
-  update_residuals();
+  x = residuals_now();
   if (!portfolio.alternatives.empty()) {
     solution.alternatives = detail::told(graph, left_out, part, portfolio, R, noise,
                                          units.precision, run.num_threads());

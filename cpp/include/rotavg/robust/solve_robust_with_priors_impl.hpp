@@ -8,9 +8,11 @@
 #include <vector>
 
 #include <rotavg/compiled.hpp>
+#include <rotavg/parallel/threads.hpp>
 #include <rotavg/reduction/alignment.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>
 #include <rotavg/reduction/prior_objective.hpp>
+#include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/robust_priors.hpp>
 #include <rotavg/robust/solve_robust_impl.hpp>
 #include <rotavg/robust/solve_robust_with_priors.hpp>
@@ -29,13 +31,14 @@ namespace detail {
 /// Makes what was found of the measurements between frames what is told of all the given ones.
 /// Those within a frame are constants, which are judged all the same, in the same units.
 inline void tell_of_measurements(const GroundedGraph& problem, const RobustOptions& robust,
-                                 RobustSolution& solution) {
+                                 int num_threads, RobustSolution& solution) {
   const MeasurementGraph& given = problem.given();
   const Riding& frames = problem.frames();
   std::vector<double> weights = given.weights();
   if (!robust.known.excluded.empty()) leave_out(robust.known.excluded, weights);
   const EdgeUnits units =
       edge_units(given, robust.known, robust.weight_kind, edges_between_variables(given, frames));
+  const std::vector<double> x = squared_residuals(given, solution.rotations, num_threads);
   std::vector<EdgeVerdict> verdicts(weights.size(), EdgeVerdict::inlier);
   solution.edge_scales.clear();
   std::size_t between = 0;
@@ -48,10 +51,9 @@ inline void tell_of_measurements(const GroundedGraph& problem, const RobustOptio
       verdicts[k] = solution.verdicts.edges[between++];
       continue;
     }
-    const double x = 0.5 * residual(e, solution.rotations).squaredNorm();
-    const double share = std::max(least_weight_share, weight_share(solution.loss, x, precision));
+    const double share = std::max(least_weight_share, weight_share(solution.loss, x[k], precision));
     weights[k] = std::max(min_weight, share * weights[k]);
-    if (precision * x > solution.threshold * solution.threshold) {
+    if (precision * x[k] > solution.threshold * solution.threshold) {
       verdicts[k] = EdgeVerdict::robust_weight;
     }
     if (robust.known.trusts(k)) verdicts[k] = EdgeVerdict::trusted;
@@ -145,18 +147,10 @@ inline void join_parts(const GroundedGraph& problem, RobustSolution& solution) {
   solution.verdicts.part = part;
 }
 
-/// (m,) half the squared residuals, as squared_residuals() has them.
-inline std::vector<double> half_squares(const MeasurementGraph& given, const Rotations& R) {
-  std::vector<double> x;
-  x.reserve(given.edges().size());
-  for (const Edge& e : given.edges()) x.push_back(0.5 * residual(e, R).squaredNorm());
-  return x;
-}
-
 /// RobustSolution::num_strained: of the edges that were kept, and that have a threshold, where
 /// cycles tell it.
-/// @param before half_squares() before the priors were met
-inline Index num_strained(const MeasurementGraph& given, const std::vector<double>& before,
+/// @param before, after (m,) squared_residuals() before and after the priors were met
+inline Index num_strained(const std::vector<double>& before, const std::vector<double>& after,
                           const RobustSolution& solution) {
   const auto& verdicts = solution.verdicts.edges;
   const auto is_checked = [](EdgeVerdict v) {
@@ -164,7 +158,6 @@ inline Index num_strained(const MeasurementGraph& given, const std::vector<doubl
   };
   if (std::none_of(verdicts.begin(), verdicts.end(), is_checked)) return 0;
   const double priors_do = std::max(solution.absolute.threshold, solution.gravity.threshold);
-  const std::vector<double> after = half_squares(given, solution.rotations);
   Index strained = 0;
   for (std::size_t k = 0; k < verdicts.size(); ++k) {
     if (verdicts[k] != EdgeVerdict::inlier && verdicts[k] != EdgeVerdict::bridge) continue;
@@ -191,6 +184,8 @@ ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem,
   const StopRequest stop;
   const SolveOptions options = stop.heeding(given_options);
   robust.known.check(problem.given());
+  const int num_threads =
+      resolve_num_threads(options.iteration.num_threads, problem.given().num_edges());
   SolveOptions rough = options;
   if (problem.has_world()) {
     rough.certify = false;
@@ -202,7 +197,9 @@ ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem,
         between.known = detail::between_frames(problem, robust.known);
         return solve_robust(graph, rough, between, std::move(R));
       });
-  if (!problem.priors().rigs.empty()) detail::tell_of_measurements(problem, robust, solution);
+  if (!problem.priors().rigs.empty()) {
+    detail::tell_of_measurements(problem, robust, num_threads, solution);
+  }
   if (!problem.has_world()) {
     if (problem.priors().rigs.empty()) return solution;
     GroundedGraph weighted = problem;
@@ -211,7 +208,10 @@ ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem,
     return solution;
   }
   if (stop.made()) solution.status = Status::stopped;
-  const std::vector<double> before = detail::half_squares(problem.given(), solution.rotations);
+  const auto residuals_now = [&] {
+    return squared_residuals(problem.given(), solution.rotations, num_threads);
+  };
+  const std::vector<double> before = residuals_now();
   GroundedGraph weighted = problem;
   weighted.set_weights(solution.edge_weights);
   const std::vector<Index> component = solution.components.label;  // by measurements alone
@@ -220,7 +220,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const GroundedGraph& problem,
   }
   detail::join_parts(problem, solution);
   static_cast<Solution&>(solution) = detail::meet_priors(weighted, solution, options, watch);
-  solution.num_strained = detail::num_strained(problem.given(), before, solution);
+  solution.num_strained = detail::num_strained(before, residuals_now(), solution);
   for (Alternative& story : solution.alternatives) {
     adopt_gauge(component, story.group, solution.rotations, story.rotations);
   }

@@ -55,18 +55,6 @@ inline IterationOptions remaining(const IterationOptions& options, const Iterati
   return rest;
 }
 
-/// Whether the Laplacian is likely to fill in so that its factor costs more than some twenty
-/// sweeps, by a look at the graph: on random graphs, whose largest front has about as many nodes as
-/// the widest level, an order of elimination alone takes longer than all sweeps.
-inline bool fills_in(const MeasurementGraph& graph, std::vector<Elimination>& eliminations) {
-  constexpr double sweeps = 20.0, flops_an_end = 220.0;
-  double flops = 0.0;
-  for (Elimination& elimination : eliminations) {
-    flops += std::pow(elimination.widest_level(), 3) / 3.0;
-  }
-  return flops > sweeps * flops_an_end * 2.0 * graph.num_edges();
-}
-
 /// Where solve_automatically() starts.
 enum class StartsFrom {
   initial_value,  ///< the gradient is small on average at any tree's start, which meets most edges
@@ -90,18 +78,19 @@ struct OtherStart {
 ///   goes on after three. From a given start that is near the optimum, as the last solution is when
 ///   some edges have come or gone, it needs none: they would only delay it.
 /// - Where Newton's method wanders, it is far from any minimum or on its way to a bad one, and
-/// starts
-///   anew elsewhere, if that is lower. (From the shortest paths the gradient falls below a tenth in
-///   five steps on graphs of modest noise; where it did not, a sphere with noise of 0.3 rad took 82
-///   steps to a local minimum, a city of 2e5 nodes 33 to the best one, and from the chordal value 9
-///   and 4.)
-/// - On others the sweeps are watched; if at their rate many more would be needed, Newton's method
-///   takes over; where the Laplacian is too large to factor, accelerated sweeps. On dense graphs,
-///   where all nodes at once converge as quickly as one after the other, the sweeps are those of
-///   SUM, which reads the measurements once for the step, the objective and the gradient. On those
-///   between they go by colours, so that all threads are of use.
+///   starts anew elsewhere, if that is lower. (From the shortest paths the gradient falls below a
+///   tenth in five steps on graphs of modest noise; where it did not, a sphere with noise of 0.3
+///   rad took 82 steps to a local minimum, a city of 2e5 nodes 33 to the best one, and from the
+///   chordal value 9 and 4.)
+/// - On others the sweeps are watched; if at their rate many more would be needed, and these would
+///   take longer than the Laplacian's factorisation is likely to, Newton's method takes over; where
+///   the Laplacian is too large to factor, accelerated sweeps. On dense graphs, where all nodes at
+///   once converge as quickly as one after the other, the sweeps are those of SUM, which reads the
+///   measurements once for the step, the objective and the gradient. On those between they go by
+///   colours, so that all threads are of use.
 ///
 /// @param eliminations of all components, without their roots
+/// @param from what the start is, which decides how many sweeps come first
 /// @param method receives what was used in the end
 /// @param reason receives one line on what was chosen and why
 /// @param other another start, for where Newton's method wanders
@@ -114,12 +103,19 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   constexpr double dense_degree = 64.0, dense_share = 0.1;  // of all pairs of nodes
   constexpr double max_flops = 1e10;
   constexpr int first_sweeps = 3, watched_sweeps = 6;
-  constexpr double patience = 40.0;  // sweeps
-  constexpr double near = 0.1;       // radians, the root of the mean of squares
-  constexpr int straight_steps = 5;  // of Newton's method
-  constexpr double wandering = 0.1;  // radians, the largest gradient after these
+  constexpr double flops_an_end = 220.0;    // take as long as an edge's end does in a sweep
+  constexpr double many = 7.0, few = 40.0;  // sweeps
+  constexpr double near = 0.1;              // radians, the root of the mean of squares
+  constexpr int straight_steps = 5;         // of Newton's method
+  constexpr double wandering = 0.1;         // radians, the largest gradient after these
   const double n = std::max<Index>(graph.num_nodes(), 1), degree = 2.0 * graph.num_edges() / n;
-  const bool filled = degree <= sparse_degree && fills_in(graph, eliminations);
+  const auto likely_flops = [&] {  // of the Laplacian's factorisation
+    double flops = 0.0;
+    for (Elimination& elimination : eliminations) flops += elimination.likely_flops(1);
+    return flops;
+  };
+  const double flops_a_sweep = flops_an_end * 2.0 * graph.num_edges();
+  const bool filled = degree <= sparse_degree && likely_flops() > many * flops_a_sweep;
   const bool sparse = degree <= sparse_degree && !filled;
   const bool dense = degree >= dense_degree && degree >= dense_share * n;
   const auto line = [&reason](const auto&... parts) {
@@ -129,6 +125,11 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     reason = text.str();
   };
 
+  const auto are_too_many = [&](double sweeps) {
+    if (sweeps <= few) return false;
+    const double flops = likely_flops();
+    return flops > max_flops || sweeps * flops_a_sweep > flops;
+  };
   const auto is_near = [&](const Progress& start) {
     double squares = 0.0;
     for (Index l = 0; l < graph.num_nodes(); ++l) squares += graph.degree(l) * graph.degree(l);
@@ -152,7 +153,7 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     if (!skip && progress.iteration < (sparse ? first_sweeps : watched_sweeps)) return true;
     const double sweeps = std::log(options.tolerance / last) / std::log(rate);
     slow = sparse || skip ||
-           (options.stop == StopRule::gradient && !(rate < 1.0 && sweeps <= patience));
+           (options.stop == StopRule::gradient && !(rate < 1.0 && !are_too_many(sweeps)));
     return !slow;
   };
   std::optional<Coloring> coloring;
