@@ -5,7 +5,8 @@
     ./dev bench --set noise --weights uneven
 
 A cell counts the verdicts over the seeds: how many of the optima found are proved. Where some are
-not, the others follow, and the largest relative gap.
+not, the others follow, and the largest relative gap. The last column is how many times as long as
+the solve its certificate takes: the largest, over the noise, of medians over the seeds.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import json
 from collections import Counter
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
+from statistics import median
 
 import click
 import numpy as np
@@ -38,28 +39,35 @@ GRAPHS: dict[str, tuple[str, int, dict[str, float]]] = {
 }
 
 
-def verdict(
+def measure(
     name: str, noise: float, seed: int, weights: str, threads: int | None
-) -> tuple[str, float]:
-    """What is proved of one graph, and the relative gap."""
+) -> tuple[str, float, float]:
+    """What is proved of a graph, the relative gap, and the certificate's time over the solve's."""
     kind, n, options = GRAPHS[name]
     graph = rotavg.simulate(kind, n, noise=noise, seed=seed, **options).graph
     if weights == "uneven":  # over four orders
         rng = np.random.default_rng([seed, n])
         graph = graph.with_weights(10 ** rng.uniform(-2, 2, graph.num_edges))
-    certificate = rotavg.solve(graph.largest_component(), num_threads=threads).certificate
+    solution = rotavg.solve(graph.largest_component(), num_threads=threads)
+    certificate, timings = solution.certificate, solution.timings
     assert certificate is not None
-    return certificate.verdict, certificate.relative_gap
+    times = timings.certify / (timings.init + timings.solve)
+    return certificate.verdict, certificate.relative_gap, times
 
 
-def cell(found: list[tuple[str, float]]) -> str:
+def cell(found: list[tuple[str, float, float]]) -> str:
     """The verdicts of one graph at one noise."""
-    counts = Counter(verdict for verdict, _ in found)
+    counts = Counter(verdict for verdict, _, _ in found)
     text = f"{counts.pop('proved', 0)}"
     if not counts:
         return text
     others = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
-    return f"{text}; {others}; {max(gap for _, gap in found):.1e}"
+    return f"{text}; {others}; {max(gap for _, gap, _ in found):.1e}"
+
+
+def times(row: dict[str, list[tuple[str, float, float]]]) -> str:
+    """The certificate's time over the solve's, of one graph."""
+    return f"{max(median(times for _, _, times in found) for found in row.values()):.2g}"
 
 
 @click.command(help=__doc__)
@@ -74,19 +82,21 @@ def main(patterns: tuple[str, ...], seeds: int, weights: str, threads: int, outp
     if not names:
         raise click.UsageError(f"no graph is named {' or '.join(patterns)}: {', '.join(GRAPHS)}")
     output.parent.mkdir(parents=True, exist_ok=True)
-    measured: dict[str, dict[str, Any]] = {}
+    measured: dict[str, dict[str, list[tuple[str, float, float]]]] = {}
     for name in names:
         click.echo(name, err=True)
         measured[name] = {}
         for noise in NOISE:
             measured[name][f"{noise:g}"] = [
-                verdict(name, noise, seed, weights, threads) for seed in range(1, seeds + 1)
+                measure(name, noise, seed, weights, threads) for seed in range(1, seeds + 1)
             ]
         output.write_text(json.dumps(measured, indent=1))
-    table = [[name, *(cell(found) for found in row.values())] for name, row in measured.items()]
-    print_table(
-        [f"proved, of {seeds}, {weights} weights", *(f"{noise:g}" for noise in NOISE)], table
-    )
+    table = [
+        [name, *(cell(found) for found in row.values()), times(row)]
+        for name, row in measured.items()
+    ]
+    title = f"proved, of {seeds}, {weights} weights"
+    print_table([title, *(f"{noise:g}" for noise in NOISE), "certify / solve"], table)
 
 
 if __name__ == "__main__":

@@ -187,7 +187,7 @@ class Online:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the rotations are proved to be the optimum."""
+        """Whether the rotations are proved to be the optimum, to the tolerance of certificates."""
         return Verdict(self._core.state.verdict)
 
     @property
