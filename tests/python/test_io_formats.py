@@ -201,5 +201,5 @@ def test_compressed_files_are_told(tmp_path: Path, name: str, data: bytes) -> No
     path = tmp_path / "graph.g2o"
     path.write_bytes(data)
     for reader in (read, rotavg.read_rotations):
-        with pytest.raises(FormatError, match=f"is compressed .{name}., unpack it first"):
+        with pytest.raises(FormatError, match=rf"is compressed \({name}\), unpack it first"):
             reader(path)

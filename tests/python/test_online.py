@@ -92,7 +92,8 @@ def test_what_gains_less_than_the_tolerance_waits_and_the_gap_says_so() -> None:
         assert f - best <= online.gap + 1e-12 * f + 1e-24, SEED
         assert online.gap <= 0.05 * f + 1e-20, SEED
         assert online.verdict == rotavg.Verdict.PROVED, SEED
-        waited += online.objective > before and online.state.iterations == 0
+        state = online.state
+        waited += online.objective > before and state.iterations == state.eliminated == 0
     assert waited > 4, SEED
 
 
@@ -231,6 +232,17 @@ def test_follow_prints_a_line_for_every_edge(tmp_path: Path) -> None:
     last = json.loads(loose.output.splitlines()[-1])
     assert last["certificate"]["relative_gap"] <= 0.5
     assert last["certificate"]["verdict"] == "proved"
+    for tolerance in ("0", "1"):
+        arguments = ["solve", "--follow", str(file), "--tolerance", tolerance]
+        refused = CliRunner().invoke(commands, arguments)
+        assert refused.exit_code != 0
+    # A second closure that agrees with the first to a few per cent moves nothing.
+    with file.open("a") as more:
+        more.write(line(2, 0, -2.01))
+    waits = CliRunner().invoke(commands, ["solve", "--follow", str(file), "--tolerance", "0.5"])
+    strict = CliRunner().invoke(commands, ["solve", "--follow", str(file)])
+    steps = [json.loads(run.output.splitlines()[-1]) for run in (waits, strict)]
+    assert steps[0]["objective"] > steps[1]["objective"] * (1 + 1e-6)
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,7 @@ class Online:
         online.remove([closure])
 
     Args:
-        tolerance: of f(R) - f*, as a part of f: how near to the optimum the rotations are. Changes
+        tolerance: of f(R) - f*, as a part of f, below 1: how near to the optimum they are. Changes
             that are proved to gain less wait for others: with 1e-2 most do, and a step takes a
             fraction of the time.
         certificate_tolerance: largest relative gap that is called optimal; `tolerance`, where that

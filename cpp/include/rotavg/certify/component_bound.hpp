@@ -57,7 +57,6 @@ class ComponentBounds {
   ComponentBound operator()() {
     using Costs = ProofCosts;
     constexpr double dense = 0.1, near_complete = 0.5;  // of all pairs of nodes
-    constexpr double no_time = 1e7;                     // operations
     const double n = S_.num_nodes(), connectivity_flops = Connectivity::flops(n);
     const double by_products = cost(Costs::usual_products);
     if (const double cut = known_ ? known_->at(S_, q_) : 0.0; cut > 0.0) {
@@ -66,7 +65,7 @@ class ComponentBounds {
     }
     // Dense graphs before a factorisation of S is even analysed: it fills in.
     const double filled = ends_ / n / n;
-    if (filled > dense && 27.0 * connectivity_flops > no_time) {
+    if (filled > dense && 27.0 * connectivity_flops > Costs::no_time) {
       const ComponentBound bound = by_connectivity(filled > near_complete, by_products);
       if (is_enough(bound)) return bound;
     }

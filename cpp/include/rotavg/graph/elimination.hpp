@@ -77,18 +77,11 @@ class Elimination {
 
   /// What flops() will be, about, by a look at the graph, before any order is sought. Of random
   /// graphs, small worlds and graphs of preferential attachment, whose largest front takes most of
-  /// it, half as much to three times as much; of lattices and cities far too little, as they have
-  /// many fronts like the largest, and of trees of dense parts far too much.
+  /// it, within a factor of five; of lattices and cities far too little, as they have many fronts
+  /// like the largest, and of trees of dense parts far too much.
+  /// @param B size of the blocks
   double likely_flops(int B) {
-    constexpr double of_level = 0.7, of_cycles = 0.3;
-    if (!likely_front_) {
-      // Long chains and trees are wide as well, but have few independent cycles.
-      double ends = 0.0;
-      for (const Index i : all_nodes()) ends += graph_->row(i).size();
-      const double cycles = std::max(0.0, 0.5 * ends - static_cast<double>(all_nodes().size()));
-      likely_front_ = std::min(of_level * widest_level(*graph_, *components_, component_, skipped_),
-                               of_cycles * cycles);
-    }
+    if (!likely_front_) likely_front_ = likely_front();
     return B * B * B * std::pow(*likely_front_, 3) / 3.0;
   }
 
@@ -150,6 +143,23 @@ class Elimination {
   }
 
  private:
+  /// About how many nodes the largest front has: some of the widest level, and fewer on chains and
+  /// trees, which are wide as well, but have few independent cycles.
+  double likely_front() const {
+    constexpr double of_level = 0.7, of_cycles = 0.3;
+    double neighbours = 0.0;  // parallel edges count as one
+    std::vector<Index> seen_by(all_nodes().size(), -1);
+    for (const Index i : all_nodes()) {
+      for (const HalfEdge& h : graph_->row(i)) {
+        neighbours += std::exchange(seen_by[components_->row_in_component[h.node]], i) != i;
+      }
+    }
+    const double cycles = 0.5 * neighbours - static_cast<double>(all_nodes().size()) + 1.0;
+    if (!(cycles > 0.0)) return 0.0;
+    return std::min(of_level * widest_level(*graph_, *components_, component_, skipped_),
+                    of_cycles * cycles);
+  }
+
   struct Place {
     Index edge;
     Index entry;   // in pattern_.row
@@ -216,8 +226,8 @@ class Elimination {
   double num_entries_ = 0.0;
   BlockPattern pattern_;
   std::vector<Place> places_;
-  std::vector<Index> first_place_;      // of every row; other rows have other entries
-  std::optional<double> likely_front_;  ///< nodes of the largest
+  std::vector<Index> first_place_;  // of every row; other rows have other entries
+  std::optional<double> likely_front_;
   std::optional<EliminationOrder> order_;
   std::shared_ptr<const SymbolicCholesky> symbolic_;
 };

@@ -49,7 +49,10 @@ class Follower {
     tree_.detach(touched);
     move_dual();
     fresh_.clear();
-    for (const Index k : tended_.fresh) {
+    std::vector<Index>& fresh = tended_.fresh;  // one may have come, gone, and come again
+    std::sort(fresh.begin(), fresh.end());
+    fresh.erase(std::unique(fresh.begin(), fresh.end()), fresh.end());
+    for (const Index k : fresh) {
       const OnlineEdge& e = tended_.graph().edge(k);
       if (!e.in_core || !(e.weight > 0.0)) continue;
       fresh_.emplace_back(k, e.cost);
@@ -62,7 +65,7 @@ class Follower {
         add_to_diagonal(dual, -relaxed * dot(v, v));
       }
     }
-    tended_.fresh.clear();
+    fresh.clear();
     eliminate(touched);
   }
 

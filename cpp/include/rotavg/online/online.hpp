@@ -17,8 +17,8 @@ class OnlineEngine;
 }
 
 struct OnlineOptions {
-  /// f(R) - f*, as a part of f: how near to the optimum the rotations are after every step. Changes
-  /// that are proved to gain less wait for others: with 1e-2, most do.
+  /// f(R) - f*, as a part of f, below 1: how near to the optimum the rotations are after every
+  /// step. Changes that are proved to gain less wait for others: with 1e-2, most do.
   double tolerance = 1e-10;
   /// Largest relative gap that is called optimal; `tolerance`, where that is larger.
   double certificate_tolerance = 1e-6;
@@ -34,8 +34,7 @@ struct OnlineState {
   double objective = 0.0;          ///< f(R), with the weights in use
   double gap = 0.0;                ///< f(R) - f* <= gap
   double relative_gap = 0.0;       ///< the worst of the components
-  double relative_gradient = 0.0;  ///< the largest, when last something moved; hanging edges have
-                                   ///< none
+  double relative_gradient = 0.0;  ///< the largest, without what waits; hanging edges have none
   Index num_nodes = 0, num_edges = 0, num_components = 0;
   Index num_outliers = 0;  ///< edges that the loss leaves less than half their weight
   // Of the last step:
@@ -47,7 +46,8 @@ struct OnlineState {
 };
 
 /// Rotation averaging while data come in: edges and nodes are added, removed and reweighted, and
-/// after every call the rotations are those of the optimum, and what is proved of them is known.
+/// after every call the rotations are those of the optimum, to the tolerance, and what is proved of
+/// them is known.
 ///
 /// docs/online.md has the mathematics. In short: an edge to a new node costs nothing and leaves the
 /// proof as it is. An edge that closes a cycle changes the Cholesky factor of the certificate's

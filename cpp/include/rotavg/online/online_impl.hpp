@@ -34,7 +34,8 @@ class OnlineEngine {
     const auto require = [](bool holds, const char* what) {
       if (!holds) throw std::invalid_argument(what);
     };
-    require(options.tolerance > 0.0, "the tolerance must be a positive number");
+    require(options.tolerance > 0.0 && options.tolerance < 1.0,
+            "the tolerance must be a number between 0 and 1");
     require(options.certificate_tolerance >= 0.0,
             "the certificate's tolerance must be a number that is not negative");
     require(options.loss != Loss::automatic, "the loss auto is none of those for online use");
@@ -147,7 +148,7 @@ class OnlineEngine {
   void follow(std::vector<Index> changed) {
     optimum_.counts() = StepCounts();
     optimum_.turned().clear();
-    optimum_.settle(/*may_wait=*/options_.loss == Loss::l2 || weights_.are_settled(changed));
+    optimum_.settle(/*may_wait=*/options_.loss == Loss::l2 || weights_.would_stay(changed));
     if (options_.loss != Loss::l2) {
       constexpr int most = 30;
       std::unordered_set<Index> dropped, pardoned;

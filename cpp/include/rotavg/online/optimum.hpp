@@ -62,11 +62,9 @@ class OnlineOptimum {
   /// @param may_wait what is proved to gain less than the tolerance is put off until more has come
   void settle(bool may_wait) {
     for (OnlineComponent& component : tended_.components) {
-      const double enough = 1e-3 * tolerance_ * component.objective;
-      if (component.is_touched && component.drift > enough)
-        sum_objective(component, tended_.graph());
+      if (component.is_touched) sum_if_drifted(component);
     }
-    if (may_wait && !tended_.touched.empty() && can_wait()) return;
+    if (may_wait && !tended_.touched.empty() && wait()) return;
     if (!tended_.touched.empty()) {
       follower_.take_in();
       converge();
@@ -77,19 +75,34 @@ class OnlineOptimum {
       if (component.ground < 0 || !std::exchange(component.is_touched, false)) continue;
       certify(component);
     }
+    // Steps are made by all components that are not yet at their optimum.
+    for (OnlineComponent& component : tended_.components) {
+      component.gap = std::min(component.gap, gap_by_lower_bound(component));
+    }
   }
 
  private:
-  /// Whether, at the rotations of now, the lower bound of earlier steps alone says enough.
-  bool can_wait() {
+  /// Puts off what has come, if at the rotations of now the lower bound of earlier steps alone says
+  /// enough; the gaps are then by that.
+  bool wait() {
     for (OnlineComponent& component : tended_.components) {
       if (!component.is_touched) continue;
-      count(component);
+      bring_sums_up_to_date(component);
       component.gap = gap_by_lower_bound(component);
-      if (!(component.gap <= tolerance_ * component.objective && is_proved(component)))
-        return false;
+      if (!(component.gap <= enough(component) && is_proved(component))) return false;
     }
     return true;
+  }
+
+  void sum_if_drifted(OnlineComponent& component) const {
+    if (component.drift > 1e-3 * tolerance_ * component.objective) {
+      sum_objective(component, tended_.graph());
+    }
+  }
+
+  /// The f(R) - f* that is asked for.
+  double enough(const OnlineComponent& component) const {
+    return tolerance_ * component.objective + rounding(component);
   }
 
   /// What one more step would gain is |y|^2 of the gradient alone, and what all would, where gains
@@ -126,8 +139,7 @@ class OnlineOptimum {
   bool is_near(const OnlineComponent& component) const {
     if (!component.is_touched) return true;
     const double rho = component.gained > 0.0 ? component.to_gain / component.gained : 0.0;
-    const double enough = tolerance_ * component.objective + rounding(component);
-    return component.to_gain <= enough * (1.0 - std::sqrt(std::min(rho, 1.0)));
+    return component.to_gain <= enough(component) * (1.0 - std::sqrt(std::min(rho, 1.0)));
   }
 
   /// f(R) - f* by the factor.
@@ -155,7 +167,7 @@ class OnlineOptimum {
     return std::max(component.objective - component.lower_bound + rounding(component), 0.0);
   }
 
-  void count(OnlineComponent& component) const {
+  void bring_sums_up_to_date(OnlineComponent& component) const {
     if (!component.is_counted) count_weights(component, tended_.graph());
     if (component.num_edges == 0) {
       component.objective = component.drift = component.weight = component.counted = 0.0;
@@ -163,7 +175,7 @@ class OnlineOptimum {
   }
 
   void take_bound(OnlineComponent& component) {
-    count(component);
+    bring_sums_up_to_date(component);
     const double by_factor = gap_by_factor(component), error = rounding(component);
     component.lower_bound =
         std::max(component.lower_bound, component.objective - by_factor - error);
@@ -175,6 +187,7 @@ class OnlineOptimum {
   }
 
   void certify(OnlineComponent& component) {
+    sum_if_drifted(component);
     take_bound(component);
     constexpr int most = 4;
     for (int k = 0; k < most && !is_proved(component); ++k) {

@@ -29,12 +29,14 @@ class OnlineWeights {
     return e.weight < 0.5 * e.given;
   }
 
-  /// Whether the rotations of now leave the weights of these edges as they are.
-  bool are_settled(const std::vector<Index>& edges) const {
-    return tended_.parted.empty() && std::all_of(edges.begin(), edges.end(), [&](Index k) {
-             return !is_judged(k) ||
-                    (is_within_component(k) && !differs(k, loss_.weight(squared_chord(k))));
-           });
+  /// Whether the rotations of now leave the weights of these edges as they are, and of those at
+  /// nodes that are in another component than before.
+  bool would_stay(std::vector<Index> edges) const {
+    append_edges_at(tended_.parted, edges);
+    return std::all_of(edges.begin(), edges.end(), [&](Index k) {
+      return !is_judged(k) ||
+             (is_within_component(k) && !differs(k, loss_.weight(squared_chord(k))));
+    });
   }
 
   void use_weight(Index k, double weight) {
@@ -59,9 +61,7 @@ class OnlineWeights {
   bool operator()(std::vector<Index>& turned, std::vector<Index>& edges,
                   std::unordered_set<Index>& dropped, std::unordered_set<Index>& pardoned) {
     for (std::vector<Index>* nodes : {&turned, &tended_.parted}) {
-      for (const Index i : *nodes) {
-        for (const GrowingGraph::End& end : tended_.graph().ends(i)) edges.push_back(end.edge);
-      }
+      append_edges_at(*nodes, edges);
       nodes->clear();
     }
     std::sort(edges.begin(), edges.end());
@@ -100,6 +100,11 @@ class OnlineWeights {
   }
 
  private:
+  void append_edges_at(const std::vector<Index>& nodes, std::vector<Index>& edges) const {
+    for (const Index i : nodes) {
+      for (const GrowingGraph::End& end : tended_.graph().ends(i)) edges.push_back(end.edge);
+    }
+  }
   /// Whether the loss has a say: an edge that nothing checks is left alone.
   bool is_judged(Index k) const {
     const OnlineEdge& e = tended_.graph().edge(k);

@@ -43,6 +43,7 @@ inline void squared_residuals(const MeasurementGraph& graph, const Quaternions& 
   });
 }
 
+/// (m,) the same at the rotations R, world_from_i.
 inline std::vector<double> squared_residuals(const MeasurementGraph& graph, const Rotations& R,
                                              int num_threads) {
   std::vector<double> x;

@@ -103,11 +103,12 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   constexpr double dense_degree = 64.0, dense_share = 0.1;  // of all pairs of nodes
   constexpr double max_flops = 1e10;
   constexpr int first_sweeps = 3, watched_sweeps = 6;
-  constexpr double flops_an_end = 220.0;    // take as long as an edge's end does in a sweep
-  constexpr double many = 7.0, few = 40.0;  // sweeps
-  constexpr double near = 0.1;              // radians, the root of the mean of squares
-  constexpr int straight_steps = 5;         // of Newton's method
-  constexpr double wandering = 0.1;         // radians, the largest gradient after these
+  constexpr double flops_an_end = 220.0;  // take as long as an edge's end does in a sweep
+  constexpr double filled_sweeps = 7.0;   // which a factor takes
+  constexpr double bearable_sweeps = 40.0;
+  constexpr double near = 0.1;       // radians, the root of the mean of squares
+  constexpr int straight_steps = 5;  // of Newton's method
+  constexpr double wandering = 0.1;  // radians, the largest gradient after these
   const double n = std::max<Index>(graph.num_nodes(), 1), degree = 2.0 * graph.num_edges() / n;
   const auto likely_flops = [&] {  // of the Laplacian's factorisation
     double flops = 0.0;
@@ -115,7 +116,7 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     return flops;
   };
   const double flops_a_sweep = flops_an_end * 2.0 * graph.num_edges();
-  const bool filled = degree <= sparse_degree && likely_flops() > many * flops_a_sweep;
+  const bool filled = degree <= sparse_degree && likely_flops() > filled_sweeps * flops_a_sweep;
   const bool sparse = degree <= sparse_degree && !filled;
   const bool dense = degree >= dense_degree && degree >= dense_share * n;
   const auto line = [&reason](const auto&... parts) {
@@ -125,8 +126,9 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     reason = text.str();
   };
 
+  // Of what comes after the sweeps: where there is no factor, sweeps again, which are accelerated.
   const auto are_too_many = [&](double sweeps) {
-    if (sweeps <= few) return false;
+    if (sweeps <= bearable_sweeps) return false;
     const double flops = likely_flops();
     return flops > max_flops || sweeps * flops_a_sweep > flops;
   };
