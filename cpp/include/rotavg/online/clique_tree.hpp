@@ -109,11 +109,15 @@ class CliqueTree : public CliqueForest {
   }
 
   /// Z = L^-T y, from the roots down; calls visit(v, Z_v), Z_v a 3 x 3 block.
-  /// Left out are subtrees in which no gradient is larger than `gradient`, and which hang from
-  /// variables that hardly move: no entry of Z is larger than `negligible` there.
-  template <typename Visit>
-  void solve_upper(double gradient, double negligible, Visit&& visit) {
-    std::vector<Index> stack(roots_);
+  /// Left out are roots of which concerns(a variable) is false, and subtrees in which no gradient
+  /// is larger than `gradient`, and which hang from variables that hardly move: no entry of Z is
+  /// larger than `negligible` there.
+  template <typename Concerns, typename Visit>
+  void solve_upper(double gradient, double negligible, Concerns&& concerns, Visit&& visit) {
+    std::vector<Index> stack;
+    for (const Index c : roots_) {
+      if (concerns(cliques_[c].columns.front())) stack.push_back(c);
+    }
     while (!stack.empty()) {
       const Clique& clique = cliques_[stack.back()];
       stack.pop_back();

@@ -69,6 +69,13 @@ class Follower {
     eliminate(touched);
   }
 
+  /// Whether all of a component is in the factor. Where weights are further apart than the shifts
+  /// that make its proof safe against rounding, no pivots are positive, and all waits.
+  bool has_factor(Index component) const {
+    return std::none_of(tree_.pending().begin(), tree_.pending().end(),
+                        [&](Index i) { return core_.node(i).component == component; });
+  }
+
   /// Learns what relaxation leaves of the cost of a new edge.
   void look_back() {
     double before = 0.0, after = 0.0;
@@ -89,7 +96,8 @@ class Follower {
     eliminate({nodes.front()});
   }
 
-  /// Newton steps until `is_near()`, which looks at y.
+  /// Newton steps, by the components that were touched, until `is_near()`, which looks at y and is
+  /// told the largest relative gradient of these.
   ///
   /// Z = S_r^-1 K, and X = N - Z solves S X = 0 with X = N at the ground: the rotations nearest to
   /// the X_i^T are the next ones. With S near that of the rotations this is Newton's step to second
@@ -100,20 +108,23 @@ class Follower {
   template <typename IsNear>
   bool converge(double gradient, IsNear&& is_near) {
     constexpr int most = 100;
+    const auto is_touched = [&](Index i) { return tended_.component_of(i).is_touched; };
     double least = std::numeric_limits<double>::infinity();
     for (int k = 0, without_gain = 0;; ++k) {
       tree_.solve_lower(for_step);
       relative_gradient = 0.0;
-      tree_.for_each_root([&](Index, const Clique& clique) {
+      double largest = 0.0;  // of what was touched
+      tree_.for_each_root([&](Index i, const Clique& clique) {
         relative_gradient = std::max(relative_gradient, clique.gradient);
+        if (is_touched(i)) largest = std::max(largest, clique.gradient);
       });
-      if (relative_gradient == 0.0 || is_near()) return true;
-      without_gain = relative_gradient < 0.7 * least ? 0 : without_gain + 1;
-      least = std::min(least, relative_gradient);
+      if (largest == 0.0 || is_near(largest)) return true;
+      without_gain = largest < 0.7 * least ? 0 : without_gain + 1;
+      least = std::min(least, largest);
       if (k == most || without_gain > 8) return false;
-      while (relative_gradient <= gradient) gradient *= 0.1;
+      while (largest <= gradient) gradient *= 0.1;
       moved_.clear();
-      tree_.solve_upper(gradient, 0.25 * gradient,
+      tree_.solve_upper(gradient, 0.25 * gradient, is_touched,
                         [&](Index i, const Matrix3& Z) { moved_.emplace_back(i, Z); });
       if (!move()) return false;
       ++counts.iterations;
@@ -144,14 +155,16 @@ class Follower {
     for (const Index i : tree_.pending()) core_.node(i).dual.setZero();
     if (tree_.eliminate(last)) return;
     // Where edges went, what is below may no longer do either.
+    std::vector<bool> waits(tended_.components.size(), false);
+    for (const Index i : tree_.pending()) waits[core_.node(i).component] = true;
     std::vector<Index> all;
     for (Index i = 0; i < tended_.graph().num_nodes(); ++i) {
-      if (core_.node(i).kind != NodeKind::core) continue;
+      if (core_.node(i).kind != NodeKind::core || !waits[core_.node(i).component]) continue;
       all.push_back(i);
       core_.node(i).dual.setZero();
     }
     tree_.detach(all);
-    tree_.eliminate(last);
+    tree_.eliminate(last);  // or not, with weights too far apart: see has_factor()
   }
 
   /// A step along Z, halved until the objective does not rise.

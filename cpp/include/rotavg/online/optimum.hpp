@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -75,10 +76,6 @@ class OnlineOptimum {
       if (component.ground < 0 || !std::exchange(component.is_touched, false)) continue;
       certify(component);
     }
-    // Steps are made by all components that are not yet at their optimum.
-    for (OnlineComponent& component : tended_.components) {
-      component.gap = std::min(component.gap, gap_by_lower_bound(component));
-    }
   }
 
  private:
@@ -119,20 +116,22 @@ class OnlineOptimum {
     constexpr double negligible = 1e-4, large_noise = 0.1;
     const double strict = 1e-3 * std::sqrt(tolerance_);
     const double gradient = noise < large_noise ? 1.0 : std::max(strict * noise, 1e-13);
-    const bool converged = follower_.converge(negligible * noise, [&] {
+    double left = 0.0;
+    const bool converged = follower_.converge(negligible * noise, [&](double largest_gradient) {
+      left = largest_gradient;
       for (OnlineComponent& component : tended_.components) {
         component.gained = std::exchange(component.to_gain, 0.0);
       }
       tended_.tree.for_each_root([&](Index i, const Clique& clique) {
         tended_.component_of(i).to_gain += clique.solution[for_step].energy;
       });
-      return follower_.relative_gradient <= gradient &&
+      return left <= gradient &&
              std::all_of(tended_.components.begin(), tended_.components.end(),
                          [&](const OnlineComponent& component) { return is_near(component); });
     });
     for (OnlineComponent& component : tended_.components) {
       if (!component.is_touched) continue;
-      component.has_converged = converged || follower_.relative_gradient <= gradient;
+      component.has_converged = (converged || left <= gradient) && has_factor(component);
     }
   }
 
@@ -142,8 +141,13 @@ class OnlineOptimum {
     return component.to_gain <= enough(component) * (1.0 - std::sqrt(std::min(rho, 1.0)));
   }
 
-  /// f(R) - f* by the factor.
+  bool has_factor(const OnlineComponent& component) const {
+    return follower_.has_factor(tended_.core.node(component.ground).component);
+  }
+
+  /// f(R) - f* by the factor; infinite where there is none.
   double gap_by_factor(const OnlineComponent& component) {
+    if (!has_factor(component)) return std::numeric_limits<double>::infinity();
     double energy = 0.0, rounding = 0.0, gamma = 0.0;
     tended_.tree.solve_lower(for_bound);
     tended_.tree.for_each_root([&](Index i, const Clique& clique) {
@@ -175,6 +179,7 @@ class OnlineOptimum {
   }
 
   void take_bound(OnlineComponent& component) {
+    sum_if_drifted(component);
     bring_sums_up_to_date(component);
     const double by_factor = gap_by_factor(component), error = rounding(component);
     component.lower_bound =
@@ -187,7 +192,6 @@ class OnlineOptimum {
   }
 
   void certify(OnlineComponent& component) {
-    sum_if_drifted(component);
     take_bound(component);
     constexpr int most = 4;
     for (int k = 0; k < most && !is_proved(component); ++k) {
