@@ -164,7 +164,16 @@ def test_bad_input_changes_nothing() -> None:
     with pytest.raises(rotavg.GraphError):
         online.set_weights(numbers, [1.0, np.inf])
     assert repr(online) == before
-    for options in ({"loss": "tls"}, {"loss": "auto", "loss_scale": 1.0}, {"tolerance": 0.0}):
+    with pytest.raises(rotavg.OptionError, match="tolerance is 'a'; expected a number between 0"):
+        rotavg.Online(tolerance="a")  # type: ignore[arg-type]
+    for options in (
+        {"loss": "tls"},
+        {"loss": "auto", "loss_scale": 1.0},
+        {"tolerance": 0.0},
+        {"tolerance": 1.0},
+        {"tolerance": float("nan")},
+        {"certificate_tolerance": -1.0},
+    ):
         with pytest.raises(rotavg.OptionError):
             rotavg.Online(**options)  # type: ignore[arg-type]
     with pytest.raises(rotavg.OptionError, match="expected one of 'l2', 'huber'"):

@@ -90,12 +90,14 @@ class Online:
         scale = options.angle("loss_scale", loss_scale, None)
         try:
             self._core = _core.Online(
-                tolerance=tolerance,
-                certificate_tolerance=certificate_tolerance,
+                tolerance=options.share("tolerance", tolerance),
+                certificate_tolerance=options.nonnegative(
+                    "certificate_tolerance", certificate_tolerance
+                ),
                 loss=loss,
                 loss_scale=scale,
             )
-        except (ValueError, TypeError) as error:
+        except ValueError as error:
             raise OptionError(str(error)) from None
         self._number_of: dict[Any, int] = {}  # of nodes with names
         self._names: list[str] = []

@@ -29,6 +29,13 @@ def probability(name: str, value: float) -> float:
     return float(value)
 
 
+def share(name: str, value: float) -> float:
+    """A number in (0, 1)."""
+    if not (isinstance(value, (int, float, np.number)) and 0 < value < 1):
+        raise OptionError(f"{name} is {value!r}; expected a number between 0 and 1")
+    return float(value)
+
+
 def angle(name: str, value: float | str | None, otherwise: str | None) -> float:
     """Radians; 0 for `otherwise`, which the core chooses for."""
     if value is None or isinstance(value, str):
