@@ -92,7 +92,8 @@ class OnlineOptimum {
   }
 
   void sum_if_drifted(OnlineComponent& component) const {
-    if (component.drift > 1e-3 * tolerance_ * component.objective) {
+    constexpr double negligible = 1e-13;
+    if (component.drift > negligible * component.objective) {
       sum_objective(component, tended_.graph());
     }
   }
