@@ -138,10 +138,8 @@ def try_it(wheel: Path) -> str:
     run(python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", wheel)
     bare = {"PATH": str(folder / "bin"), "HOME": str(folder), "LC_ALL": "C.UTF-8"}
     printed = ""
-    for core in ("baseline", "best"):
-        printed += run(
-            python, "-I", ROOT / "packaging" / "try_wheel.py", env={**bare, "ROTAVG_CORE": core}
-        )
+    for core in ({"ROTAVG_CORE": "baseline"}, {}):  # and the best for this processor
+        printed += run(python, "-I", ROOT / "packaging" / "try_wheel.py", env={**bare, **core})
     return printed
 
 
