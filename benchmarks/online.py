@@ -117,6 +117,18 @@ def error_of(f: float, graph: rotavg.MeasurementGraph, start: Floats) -> float:
     return 0.0 if best < 1e-20 * graph.num_edges else (f - best) / best
 
 
+def add_step(online: rotavg.Online, data: Sequence, step: int) -> float:
+    """The CPU seconds in which a step's edges are added, and proved."""
+    rows = slice(data.begins[step], data.begins[step + 1])
+    edges, rotations = data.edges[rows], data.rotations[rows]
+    began = time.thread_time()
+    online.add(edges, rotations)
+    proved = online.verdict
+    seconds = time.thread_time() - began
+    assert proved == "proved", f"step {step} of {data.name}: {online}"
+    return seconds
+
+
 def measure_online(data: Sequence, checks: set[int]) -> tuple[Measured, Measured]:
     """Online, and `solve` from the same rotations at some steps."""
     ours, warm = Measured("Online"), Measured("solve, warm")
@@ -128,13 +140,7 @@ def measure_online(data: Sequence, checks: set[int]) -> tuple[Measured, Measured
             known = online.rotations if online.num_nodes else np.eye(3)[None]
             first = data.begins[step]
             start = np.concatenate([known, known[-1:] @ data.rotations[first : first + 1]])
-        rows = slice(data.begins[step], data.begins[step + 1])
-        edges, rotations = data.edges[rows], data.rotations[rows]
-        began = time.thread_time()
-        online.add(edges, rotations)
-        proved = online.verdict
-        ours.seconds.append(time.thread_time() - began)
-        assert proved == "proved", f"step {step} of {data.name}: {online}"
+        ours.seconds.append(add_step(online, data, step))
         if step not in checks:
             continue
         began = time.thread_time()
@@ -151,13 +157,7 @@ def measure_tolerance(data: Sequence, tolerance: float) -> Measured:
     online = rotavg.Online(tolerance=tolerance)
     largest = 0.0
     for step in range(data.num_steps):
-        rows = slice(data.begins[step], data.begins[step + 1])
-        edges, rotations = data.edges[rows], data.rotations[rows]
-        began = time.thread_time()
-        online.add(edges, rotations)
-        proved = online.verdict
-        result.seconds.append(time.thread_time() - began)
-        assert proved == "proved", f"step {step} of {data.name}: {online}"
+        result.seconds.append(add_step(online, data, step))
         largest = max(largest, online.relative_gap)
     result.errors.append(largest)
     return result
