@@ -76,9 +76,10 @@ class Elimination {
   bool has_order() const { return order_.has_value(); }
 
   /// What flops() will be, about, by a look at the graph, before any order is sought. Of random
-  /// graphs, small worlds and graphs of preferential attachment, whose largest front takes most of
-  /// it, within a factor of five; of lattices and cities far too little, as they have many fronts
-  /// like the largest, and of trees of dense parts far too much.
+  /// graphs, whose largest front takes most of it, within a factor of six; of preferential
+  /// attachment and small worlds up to seven and twenty times too much; of lattices and cities far
+  /// too little, as they have many fronts like the largest, and of trees of dense parts far too
+  /// much.
   /// @param B size of the blocks
   double likely_flops(int B) {
     if (!likely_front_) likely_front_ = likely_front();
