@@ -459,7 +459,7 @@ TEST_CASE("wrong closures are left out, and pardoned where others agree with the
     online.add({closures[k]});
     if (k % 4 != 0) continue;
     RelativeRotation m = closures[k];
-    m.i_from_j = random.rotation();
+    m.i_from_j *= exp_so3(random.uniform(1.0, 3.0) * random.direction());
     wrong.push_back(online.add({m}).front());
   }
   const auto weights = online.edge_weights();
