@@ -49,6 +49,7 @@ struct Names<rotavg::Initialization> {
       {rotavg::Initialization::shortest_path, "shortest_path"},
       {rotavg::Initialization::spanning_tree, "spanning_tree"},
       {rotavg::Initialization::maximum_spanning_tree, "maximum_spanning_tree"},
+      {rotavg::Initialization::multilevel, "multilevel"},
       {rotavg::Initialization::chordal, "chordal"},
       {rotavg::Initialization::quaternion, "quaternion"},
       {rotavg::Initialization::random, "random"}};

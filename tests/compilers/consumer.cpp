@@ -75,9 +75,10 @@ void solve_in_all_ways(const rotavg::MeasurementGraph& graph, double optimum) {
   }
   options = {};
   using rotavg::Initialization;
-  for (const Initialization init : {Initialization::shortest_path, Initialization::spanning_tree,
-                                    Initialization::maximum_spanning_tree, Initialization::chordal,
-                                    Initialization::quaternion, Initialization::random}) {
+  for (const Initialization init :
+       {Initialization::shortest_path, Initialization::spanning_tree,
+        Initialization::maximum_spanning_tree, Initialization::multilevel, Initialization::chordal,
+        Initialization::quaternion, Initialization::random}) {
     options.init = init;
     meets(options, "an initial value");
   }

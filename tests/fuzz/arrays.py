@@ -25,7 +25,15 @@ import rotavg
 ODD = (np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-320, -1.0, 1e308, 1e-100, 1e100, 1e-101, 1e101, 2.0)
 INSIDES = ("vector", "basic_string", "std::", "bad_alloc", "deque", "array::")
 METHODS = ("auto", "bcd", "sum", "newton", "staircase", "bcdsr")
-INITS = ("auto", "shortest_path", "spanning_tree", "maximum_spanning_tree", "chordal", "random")
+INITS = (
+    "auto",
+    "shortest_path",
+    "spanning_tree",
+    "maximum_spanning_tree",
+    "multilevel",
+    "chordal",
+    "random",
+)
 LOSSES = ("l2", "huber", "l1", "cauchy", "geman_mcclure", "tls", "auto")
 
 

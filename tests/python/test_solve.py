@@ -21,7 +21,15 @@ def test_noiseless_graphs_are_solved_by_the_shortest_path_start() -> None:
 
 
 @pytest.mark.parametrize(
-    "init", ["shortest_path", "spanning_tree", "maximum_spanning_tree", "chordal", "quaternion"]
+    "init",
+    [
+        "shortest_path",
+        "spanning_tree",
+        "maximum_spanning_tree",
+        "multilevel",
+        "chordal",
+        "quaternion",
+    ],
 )
 def test_an_initial_value_is_exact_without_noise_and_leads_to_the_optimum_with(init: str) -> None:
     for kind in ("complete", "cycle", "grid", "sphere", "band"):
@@ -227,9 +235,10 @@ def test_the_printed_solution_says_what_a_user_asks_first() -> None:
 
 def test_auto_takes_newton_on_trajectories_and_sweeps_on_dense_graphs() -> None:
     sparse = rotavg.solve(rotavg.simulate("sphere", 900, noise=0.1, seed=1).graph)
-    assert sparse.reason.startswith("newton after 3 sweeps of bcd: average degree 3.9")
+    assert sparse.reason.startswith("newton from coarser graphs: average degree 3.9")
     assert sparse.method == "newton"
-    assert sparse.iterations < 25
+    assert sparse.init == "multilevel"
+    assert sparse.iterations < 10
     assert sparse.reason in str(sparse)
     dense = rotavg.solve(rotavg.simulate("complete", 100, noise=0.2, seed=1).graph)
     assert dense.reason.startswith("sum: average degree 99")
@@ -245,7 +254,7 @@ def test_auto_leaves_sweeps_that_prove_slow_and_its_trace_is_one() -> None:
     rotvecs = 0.2 * rng.standard_normal((len(edges), 3))
     graph = rotavg.MeasurementGraph.from_rotvecs(edges, rotvecs)
     seen: list[rotavg.Progress] = []
-    solution = rotavg.solve(graph, callback=seen.append)
+    solution = rotavg.solve(graph, init="shortest_path", callback=seen.append)
     assert "newton after" in solution.reason
     assert solution.status.converged
     assert [p.iteration for p in seen] == list(range(solution.iterations + 1))
@@ -291,9 +300,9 @@ def test_a_refuted_answer_gets_a_second_run_from_the_chordal_start() -> None:
 
 
 def test_where_newtons_method_wanders_it_begins_anew_at_the_chordal_value() -> None:
-    graph = rotavg.simulate("sphere", 1600, noise=0.25, seed=2).graph
+    graph = rotavg.simulate("grid", 125, noise=1.0, seed=23).graph  # paths are short
     tree = rotavg.solve(graph, init="shortest_path", max_rank=0)  # a local minimum
-    chordal = rotavg.solve(graph, init="chordal")
+    chordal = rotavg.solve(graph, init="chordal", max_rank=0)
     iterations: list[int] = []
     best = rotavg.solve(graph, certify=False, callback=lambda p: iterations.append(p.iteration))
     assert best.reason.startswith("newton wandered, and began anew: newton after 3 sweeps")

@@ -81,8 +81,11 @@ def test_pose_graphs_with_20_edges_changed(name: str) -> None:
     graph = rotavg.read(shared_data("g2o") / f"{name}.g2o", unit_weights=True)
     last = rotavg.solve(graph)
     new = changed(graph, last.rotations, 20)
-    assert_quicker(new, last)
-    assert rotavg.solve(new, init=last).iterations <= 5  # cold: 7
+    cold, warm = rotavg.solve(new), rotavg.solve(new, init=last)
+    assert warm.iterations <= 5  # cold: about as many, from coarser graphs
+    assert warm.objective == pytest.approx(cold.objective, rel=1e-9)
+    assert warm.certificate is not None
+    assert warm.certificate.verdict == "proved"
 
 
 def test_the_same_graph_again_takes_no_iteration_and_keeps_every_bit() -> None:

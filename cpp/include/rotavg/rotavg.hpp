@@ -56,6 +56,7 @@
 #include <rotavg/init/chordal.hpp>
 #include <rotavg/init/edge_support.hpp>
 #include <rotavg/init/maximum_spanning_tree.hpp>
+#include <rotavg/init/multilevel.hpp>
 #include <rotavg/init/quaternion.hpp>
 #include <rotavg/init/random.hpp>
 #include <rotavg/init/rig_start.hpp>

@@ -21,6 +21,7 @@ _NAMES = (
     "shortest_path",
     "spanning_tree",
     "maximum_spanning_tree",
+    "multilevel",
     "chordal",
     "quaternion",
     "random",

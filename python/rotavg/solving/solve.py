@@ -29,6 +29,7 @@ Init = Literal[
     "shortest_path",
     "spanning_tree",
     "maximum_spanning_tree",
+    "multilevel",
     "chordal",
     "quaternion",
     "random",
@@ -93,15 +94,18 @@ def solve(
         init: the initial value: "shortest_path" (Lemma 3), "spanning_tree" (along the edges that
             agree best with the triangles around them, after Enqvist, Kahl and Olsson 2011: the one
             for random outliers), "maximum_spanning_tree" (along the edges with the largest weights:
-            the one for repeated structure, where weights are matches), "chordal" (the linear
-            relaxation of Martinec and Pajdla 2007),
+            the one for repeated structure, where weights are matches), "multilevel" (the graph is
+            made coarser along its heaviest edges, and on the way back every level gets two sweeps:
+            near the optimum where paths are long and trees drift; random graphs get the shortest
+            paths), "chordal" (the linear relaxation of Martinec and Pajdla 2007),
             "quaternion" (that of Govindu 2001: nearer the optimum where the noise is small, worse
             where there are outliers), "random", rotations (n, 3, 3) world_from_node to start from,
             the Solution of another graph, one that had fewer or more nodes and edges (a warm start:
             nodes are found again by their ids, its components kept as they are, and these and the
-            new nodes placed by the edges between them), or "auto": the shortest paths and, if
-            "auto" chooses the method as well and the answer is refuted, a second run from the
-            chordal value. With a robust `loss`, what is given replaces its first least squares.
+            new nodes placed by the edges between them), or "auto": the shortest paths, or
+            "multilevel" where these are long, but for the methods of the paper; and, if "auto"
+            chooses the method as well and the answer is refuted, a second run from the chordal
+            value. With a robust `loss`, what is given replaces its first least squares.
         certify: whether to bound the distance from the global optimum.
         tolerance: when to stop, see `stop`.
         stop: "gradient" stops when the relative gradient (radians) is below the tolerance;

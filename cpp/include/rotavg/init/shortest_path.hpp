@@ -21,14 +21,18 @@ inline Matrix3 along_edge(const Edge& e, const Matrix3& R_i, Index j) {
 
 /// The shortest-path initial value (Lemma 3): R = I at the first node of every component, and
 /// R_i = R_12 R_23 … R_mi along a shortest path from there. Optimal where there is no noise.
-inline Rotations shortest_path_init(const MeasurementGraph& graph) {
-  const BreadthFirstForest forest = breadth_first_forest(graph);
+/// @param forest of the graph
+inline Rotations shortest_path_init(const MeasurementGraph& graph,
+                                    const BreadthFirstForest& forest) {
   Rotations R(static_cast<std::size_t>(graph.num_nodes()), Matrix3::Identity());
   for (const Index j : forest.order) {
     if (forest.parent[j] < 0) continue;
     R[j] = along_edge(graph.edges()[forest.tree_edge[j]], R[forest.parent[j]], j);
   }
   return R;
+}
+inline Rotations shortest_path_init(const MeasurementGraph& graph) {
+  return shortest_path_init(graph, breadth_first_forest(graph));
 }
 
 }  // namespace rotavg

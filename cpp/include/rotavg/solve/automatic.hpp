@@ -59,6 +59,7 @@ inline IterationOptions remaining(const IterationOptions& options, const Iterati
 enum class StartsFrom {
   initial_value,  ///< the gradient is small on average at any tree's start, which meets most edges
                   ///< exactly
+  smoothed,       ///< sweeps have been made already
   given,          ///< the caller's rotations: no sweeps are needed where the gradient is small
   newton,         ///< where Newton's method has ended, and is to go on
 };
@@ -74,6 +75,7 @@ struct OtherStart {
 /// - Sweeps come first: they smooth the start, from which Newton's method would run into bad local
 ///   minima more often, and converge later. (On grids and trajectories with noise of 0.1 to 0.3
 ///   rad, three did as well as twenty.)
+/// - A start from coarser graphs has had its sweeps, and Newton's method goes on at once.
 /// - On sparse graphs the Laplacian factors at little cost, unless it fills in, and Newton's method
 ///   goes on after three. From a given start that is near the optimum, as the last solution is when
 ///   some edges have come or gone, it needs none: they would only delay it.
@@ -137,8 +139,10 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     for (Index l = 0; l < graph.num_nodes(); ++l) squares += graph.degree(l) * graph.degree(l);
     return start.gradient_norm <= near * std::sqrt(squares);
   };
-  const bool may_skip = (from == StartsFrom::newton || (sparse && from == StartsFrom::given)) &&
-                        options.max_iterations > 0 && options.time_limit > 0.0;
+  const bool needs_no_sweeps = from == StartsFrom::newton ||
+                               (from == StartsFrom::given && sparse) ||
+                               (from == StartsFrom::smoothed && !filled && !dense);
+  const bool may_skip = needs_no_sweeps && options.max_iterations > 0 && options.time_limit > 0.0;
 
   // Sweeps, until they have converged or prove slow.
   method = dense ? Method::sum : Method::bcd;
@@ -178,8 +182,11 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   if (flops <= max_flops) {
     method = Method::newton;
     const std::string sweeps = std::to_string(result.iterations) + " sweeps of " + name;
-    line("newton ", result.iterations > 0 ? "after " + sweeps : "from a start that is near",
-         ": average degree ", degree, ", the Laplacian factors in ", flops, " operations");
+    const std::string before = result.iterations > 0          ? "after " + sweeps
+                               : from == StartsFrom::smoothed ? "from coarser graphs"
+                                                              : "from a start that is near";
+    line("newton ", before, ": average degree ", degree, ", the Laplacian factors in ", flops,
+         " operations");
     bool wanders = false;
     IterationOptions watched_newton = rest;
     watched_newton.callback = [&](const Progress& progress) {

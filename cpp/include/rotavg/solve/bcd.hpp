@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cmath>
+#include <optional>
 #include <utility>
 
 #include <rotavg/graph/coloring.hpp>
@@ -89,10 +90,11 @@ inline IterationResult bcd(const MeasurementGraph& graph, const Rotations& R,
   Monitor monitor(graph, R, options);
   Quaternions q = to_quaternions(R);
   ResidualQuaternions residuals(graph, q, monitor.num_threads());
-  const HalfEdgeRows rows(graph, coloring ? &coloring->node : nullptr);
+  std::optional<HalfEdgeRows> rows;  // not made where there is nothing to do
   double step = 0.0;
   while (!monitor.should_stop(residuals.objective(), residuals.gradient_norm(), step)) {
-    step = coloring ? bcd_sweep(rows, *coloring, q, monitor) : bcd_sweep(rows, q, monitor);
+    if (!rows) rows.emplace(graph, coloring ? &coloring->node : nullptr);
+    step = coloring ? bcd_sweep(*rows, *coloring, q, monitor) : bcd_sweep(*rows, q, monitor);
     residuals.update(q);
   }
   return std::move(monitor).result(to_rotations(q, R));

@@ -10,11 +10,13 @@
 
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/certify/known_cut.hpp>
+#include <rotavg/graph/breadth_first.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/init/chordal.hpp>
 #include <rotavg/init/maximum_spanning_tree.hpp>
+#include <rotavg/init/multilevel.hpp>
 #include <rotavg/init/quaternion.hpp>
 #include <rotavg/init/random.hpp>
 #include <rotavg/init/shortest_path.hpp>
@@ -101,7 +103,7 @@ class SolveRun {
   }
 
   /// @param used receives what was used: the shortest paths where a linear system would cost more
-  ///        than max_start_flops(), or the time is up
+  ///        than max_start_flops(), coarser graphs would be no smaller, or the time is up
   Rotations initial_value(Initialization init, Initialization& used) {
     const double max_flops = max_start_flops();
     std::optional<Rotations> R;
@@ -119,7 +121,11 @@ class SolveRun {
       case Initialization::quaternion:
         R = quaternion_init(graph_, eliminations_, max_flops, keep_going_);
         break;
+      case Initialization::multilevel:
+        R = multilevel_init(graph_, options_.iteration.num_threads, keep_going_);
+        break;
       case Initialization::automatic:
+        return automatic_initial_value(used);
       case Initialization::shortest_path:
         break;
     }
@@ -169,6 +175,25 @@ class SolveRun {
   LowerBound& lower_bound(Index c) { return lower_bounds_[c]; }
 
  private:
+  /// The shortest paths, which the paper's algorithms start from; for others coarser graphs, where
+  /// the paths are long, so that noise adds up along them, and there are cycles to correct it.
+  Rotations automatic_initial_value(Initialization& used) {
+    constexpr double long_path = 2.0;  // times log2 n: those of random graphs are shorter
+    const auto n = static_cast<double>(graph_.num_nodes());
+    const bool by_paper = options_.method == Method::bcd || options_.method == Method::sum ||
+                          options_.method == Method::bcdsr;
+    const bool has_cycles = graph_.num_edges() > graph_.num_nodes() - components_.size();
+    const BreadthFirstForest forest = breadth_first_forest(graph_);
+    const Index depth = *std::max_element(forest.depth.begin(), forest.depth.end());
+    if (!by_paper && has_cycles && gravity_.first.empty() && depth > long_path * std::log2(n)) {
+      used = Initialization::multilevel;
+      if (auto R = multilevel_init(graph_, options_.iteration.num_threads, keep_going_))
+        return *std::move(R);
+    }
+    used = Initialization::shortest_path;
+    return shortest_path_init(graph_, forest);
+  }
+
   /// @returns whether more steps have made the gap smaller
   bool polish(Solution& solution) {
     if (!is_leftover(solution.certificate) || !is_converged(solution.status) || !may_go_on()) {
@@ -222,10 +247,14 @@ class SolveRun {
       sweeps.keep_going = keep_going_;
       return bcd(graph_, *start, sweeps).rotations;
     }};
-    IterationResult result = solve_automatically(
-        graph_, eliminations_, R, limits,
-        origin == Origin::given ? StartsFrom::given : StartsFrom::initial_value, solution.method,
-        solution.reason, origin == Origin::automatic ? &chordal : nullptr);
+    const bool automatic = origin == Origin::automatic;
+    const StartsFrom from = origin == Origin::given ? StartsFrom::given
+                            : automatic && solution.init == Initialization::multilevel
+                                ? StartsFrom::smoothed
+                                : StartsFrom::initial_value;
+    IterationResult result =
+        solve_automatically(graph_, eliminations_, R, limits, from, solution.method,
+                            solution.reason, automatic ? &chordal : nullptr);
     if (chordal.is_used) solution.init = Initialization::chordal;
     return result;
   }

@@ -17,6 +17,7 @@ enum class Initialization {
   shortest_path,          ///< Lemma 3
   spanning_tree,          ///< along the edges that the graph supports best
   maximum_spanning_tree,  ///< along the edges with the largest weights
+  multilevel,             ///< from coarser graphs to finer ones, sweep by sweep
   chordal,                ///< free matrices, then the nearest rotations
   quaternion,             ///< free quaternions, then unit ones
   random,
