@@ -14,8 +14,9 @@ import time
 from pathlib import Path
 
 import rotavg
+from rotavg.solving.solve import Init
 
-_INITS = ("shortest_path", "chordal", "auto")
+_INITS: tuple[Init, ...] = ("shortest_path", "chordal", "auto")
 _SIMULATIONS = (
     ("sphere", 2500, 0.3),
     ("sphere", 20000, 0.1),
@@ -52,11 +53,11 @@ def _row(name: str, graph: rotavg.MeasurementGraph, repeat: int) -> None:
     print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
 
 
-def _measured(graph: rotavg.MeasurementGraph, init: str, repeat: int) -> tuple[float, int, float]:
+def _measured(graph: rotavg.MeasurementGraph, init: Init, repeat: int) -> tuple[float, int, float]:
     seconds = []
     for _ in range(repeat):
         before = time.process_time()
-        solution = rotavg.solve(graph, init=init, certify=False, num_threads=1)  # type: ignore[arg-type]
+        solution = rotavg.solve(graph, init=init, certify=False, num_threads=1)
         seconds.append(time.process_time() - before)
     return 1e3 * statistics.median(seconds), solution.iterations, solution.objective
 

@@ -10,6 +10,7 @@
 #include <Eigen/Core>
 
 #include <rotavg/linalg/block_cholesky.hpp>
+#include <rotavg/linalg/multifrontal.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
 
 #include "support/blocks.hpp"
@@ -138,6 +139,8 @@ TEST_CASE_TEMPLATE("the outcome turns where the smallest eigenvalue does", Size,
       CAPTURE(n);
       CAPTURE(margin);
       const auto outcome = cholesky.factorize(sparse.blocks, margin - lambda_min);
+      const auto shifted = test::sparse_blocks<B>(test::shifted(A, margin - lambda_min));
+      CHECK(definiteness<B>(cholesky.symbolic(), shifted.blocks, 1 + k % 3, {}) == outcome);
       REQUIRE(outcome == (margin > 0.0 ? CholeskyOutcome::positive_definite
                                        : CholeskyOutcome::not_positive_definite));
       if (margin < 1e-3) continue;

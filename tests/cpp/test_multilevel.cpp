@@ -158,7 +158,11 @@ TEST_CASE(
   Random random;
   INFO(random.replay());
   const MeasurementGraph grid = test::simulate_graph(random, test::grid(20, 20), 0.1);
-  CHECK(!multilevel_init(grid, 1, [] { return false; }).has_value());
+  for (const int last : {1, 2, 5, 20}) {
+    int asked = 0;
+    CHECK(!multilevel_init(grid, 1, [&] { return ++asked < last; }).has_value());
+    CHECK(asked == last);
+  }
   const MeasurementGraph thicket =
       test::simulate_graph(random, test::random_connected(random, 3000, 30'000), 0.1);
   CHECK(!multilevel_init(thicket).has_value());
@@ -184,7 +188,16 @@ TEST_CASE(
   for (const Method paper : {Method::bcd, Method::sum, Method::bcdsr}) {
     CHECK(chosen(test::grid(20, 20), paper) == Initialization::shortest_path);
   }
+  CHECK(chosen(test::grid(20, 20), Method::staircase) == Initialization::multilevel);
+  test::Pairs cycles;
+  for (Index c = 0; c < 50; ++c) {
+    for (const auto& [i, j] : test::cycle(40)) cycles.emplace_back(40 * c + i, 40 * c + j);
+  }
+  CHECK(chosen(cycles) == Initialization::multilevel);
   CHECK(chosen(test::path(400)) == Initialization::shortest_path);
+  test::Pairs tail = test::random_connected(random, 2000, 6000);  // with a long tail
+  for (Index i = 2000; i < 2060; ++i) tail.emplace_back(i - 1, i);
+  CHECK(chosen(tail) == Initialization::shortest_path);
   CHECK(chosen(test::complete(30)) == Initialization::shortest_path);
   CHECK(chosen(test::random_connected(random, 400, 1200)) == Initialization::shortest_path);
 }

@@ -103,9 +103,9 @@ def solve(
             the Solution of another graph, one that had fewer or more nodes and edges (a warm start:
             nodes are found again by their ids, its components kept as they are, and these and the
             new nodes placed by the edges between them), or "auto": the shortest paths, or
-            "multilevel" where these are long, but for the methods of the paper; and, if "auto"
-            chooses the method as well and the answer is refuted, a second run from the chordal
-            value. With a robust `loss`, what is given replaces its first least squares.
+            "multilevel" where these are long, but for the methods of the paper and with gravity;
+            and, if "auto" chooses the method as well and the answer is refuted, a second run from
+            the chordal value. With a robust `loss`, what is given replaces its first least squares.
         certify: whether to bound the distance from the global optimum.
         tolerance: when to stop, see `stop`.
         stop: "gradient" stops when the relative gradient (radians) is below the tolerance;

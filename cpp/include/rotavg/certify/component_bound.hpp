@@ -174,7 +174,13 @@ class ComponentBounds {
     return random_start;
   }
 
-  bool fits() const { return has_memory_for(elimination_.factor_bytes(3)); }
+  bool fits() const {
+    double bytes = elimination_.factor_bytes(3);
+    if (bytes > DefiniteFactorization::large_factor) {  // it is not kept
+      bytes = std::max(elimination_.definiteness_bytes(3), elimination_.factor_bytes(1));
+    }
+    return has_memory_for(bytes);
+  }
 
   /// Nothing where the memory is not there after all: others use it, too.
   std::optional<ComponentBound> factorized() {

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <new>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -11,10 +13,13 @@
 #include <rotavg/certify/bound.hpp>
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/certify/free_heading.hpp>
+#include <rotavg/certify/leftover_solution.hpp>
 #include <rotavg/certify/min_eigenvalue.hpp>
 #include <rotavg/graph/elimination.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
+#include <rotavg/linalg/memory.hpp>
+#include <rotavg/linalg/multifrontal.hpp>
 #include <rotavg/linalg/small_eigen.hpp>
 #include <rotavg/linalg/tall.hpp>
 #include <rotavg/problem/connection.hpp>
@@ -73,17 +78,25 @@ inline double lambda_min_by_factor(const CertificateMatrix& S, const Eigen::Matr
 ///
 /// as the edges' part of dK is B^T d with B the incidence matrix, L = B^T W B, and d^T B L^-1 B^T d
 /// <= d^T W^-1 d. All of it is of second order: the square of the residual, or of the rounding.
+///
+/// A large factor is not kept, for that it exists is all that is asked of it: Z need not be exact,
+/// and comes from conjugate gradients (leftover_solution.hpp).
 class DefiniteFactorization {
  public:
+  /// A factor of more bytes is not kept.
+  static constexpr double large_factor = 1e8;
+
   /// @param S, elimination (of the component, without its root) must outlive this object
   /// @param resolution how small a gap has to be told from zero: kappa is no larger than needed
   /// @param noise the objective over the sum of weights
   DefiniteFactorization(const CertificateMatrix& S, Elimination& elimination, double resolution,
-                        double noise, const GravityPairs& gravity = {})
+                        double noise, const GravityPairs& gravity = {},
+                        double most_kept_bytes = large_factor)
       : S_(S),
         elimination_(elimination),
-        cholesky_(elimination.symbolic(), elimination.num_threads()),
+        resolution_(resolution),
         headings_(free_headings(S, gravity)) {
+    if (!headings_.empty() || elimination.factor_bytes(3) <= most_kept_bytes) make_factor();
     constexpr double part = 0.01, low_noise = 1e-4;
     const double wanted = S.leftover_edge_rounding() / (part * resolution);
     kappa_ = std::clamp(wanted, 1e-12, noise < low_noise ? 0.5 : 1e-3);
@@ -106,25 +119,37 @@ class DefiniteFactorization {
     }
   }
 
-  BlockCholesky<3>& cholesky() { return cholesky_; }
+  /// Room for a factor of S_r or what is close to it.
+  /// @throws std::bad_alloc
+  BlockCholesky<3>& cholesky() {
+    if (!cholesky_) {
+      if (!has_memory_for(elimination_.factor_bytes(3))) throw std::bad_alloc();
+      make_factor();
+    }
+    return *cholesky_;
+  }
 
   CholeskyOutcome factorize(const std::function<bool()>& keep_going) {
     constexpr double modest = 1e-6;
-    const auto outcome = cholesky_.factorize(blocks(), 0.0, keep_going);
+    const auto outcome = factorize_once(keep_going);
     const bool less_may_do = kappa_ > modest || !headings_.empty();
     if (outcome != CholeskyOutcome::not_positive_definite || !less_may_do) return outcome;
     kappa_ = std::min(kappa_, modest);  // too much was asked for, perhaps
     if (!headings_.empty()) add_to_mu(-heading_mu);
-    return cholesky_.factorize(blocks(), 0.0, keep_going);
+    return factorize_once(keep_going);
   }
 
   /// After a factorisation that ran to its end. With free headings (free_heading.hpp) there are
   /// further columns of K, for d; over the feasible set |d|^2 is at most four times |c|^2.
   ComponentBound bound(const std::function<bool()>& keep_going) {
-    const Eigen::Index rows = cholesky_.size();
     const Eigen::MatrixXd K = leftover();
-    Eigen::MatrixXd Z = Eigen::MatrixXd::Zero(K.rows(), K.cols());
-    Z.bottomRows(rows) = cholesky_.solve(K.bottomRows(rows));
+    Eigen::MatrixXd Z;
+    if (cholesky_) {
+      Z.setZero(K.rows(), K.cols());
+      Z.bottomRows(K.rows() - 3) = cholesky_->solve(K.bottomRows(K.rows() - 3));
+    } else {
+      Z = LeftoverSolution(S_, elimination_, kappa_, mu_)(K, resolution_, keep_going);
+    }
     Eigen::MatrixXd rho = K - S_.apply_less_laplacian(Z, kappa_);
     for (const FreeHeading& heading : headings_) {
       add_block_product(-added(heading), Z, heading.row, rho, heading.row);
@@ -147,12 +172,24 @@ class DefiniteFactorization {
     bound.method = CertificateMethod::factorization;
     bound.is_definite = true;
     bound.gap = margin * root * root;
-    const Matrix3 Q = inner_products(K.leftCols(3), Z.leftCols(3));
-    bound.lambda_min = lambda_min_by_factor(S_, Z.leftCols(3), Q, cholesky_, keep_going);
+    if (cholesky_) {
+      const Matrix3 Q = inner_products(K.leftCols(3), Z.leftCols(3));
+      bound.lambda_min = lambda_min_by_factor(S_, Z.leftCols(3), Q, *cholesky_, keep_going);
+    } else {
+      bound.lambda_min = -bound.gap / S_.num_nodes();  // to first order
+    }
     return bound;
   }
 
  private:
+  void make_factor() { cholesky_.emplace(elimination_.symbolic(), elimination_.num_threads()); }
+
+  CholeskyOutcome factorize_once(const std::function<bool()>& keep_going) {
+    if (cholesky_) return cholesky_->factorize(blocks(), 0.0, keep_going);
+    return definiteness<3>(elimination_.symbolic(), blocks(), elimination_.num_threads(),
+                           keep_going);
+  }
+
   /// Of the degrees: with free headings the rounding of K has no pairs that a large kappa bounds.
   static constexpr double heading_mu = 1e-6;
 
@@ -231,8 +268,8 @@ class DefiniteFactorization {
 
   const CertificateMatrix& S_;
   Elimination& elimination_;
-  BlockCholesky<3> cholesky_;
-  double kappa_ = 0.0;
+  std::optional<BlockCholesky<3>> cholesky_;
+  double resolution_, kappa_ = 0.0;
   std::vector<double> mu_;  ///< of every row of the elimination; D is the same
   std::vector<FreeHeading> headings_;
   std::vector<std::vector<bool>> in_part_;  ///< of every heading, by row of the component

@@ -17,8 +17,8 @@
 
 namespace rotavg {
 
-/// Nodes in groups of two or more that move as one: R_i = Q_g(i) C_i, with C_i a product of
-/// measurements, so that what rides together fits exactly.
+/// Nodes in groups, of two or more where they have edges, that move as one: R_i = Q_g(i) C_i, with
+/// C_i a product of measurements, so that what rides together fits exactly.
 struct NodeGroups {
   Index count = 0;
   std::vector<Index> group;     ///< (n,) g(i)
@@ -35,9 +35,9 @@ struct NodeGroups {
   }
 };
 
-/// Heavy-edge matching (Karypis and Kumar 1998): every node, one after the other, with that of its
-/// neighbours that is still alone and of whose rotation its edges say most. Who finds none joins
-/// the group of such a neighbour; who has no edges stays alone.
+/// Heavy-edge matching (Karypis and Kumar 1998): every node, one after the other, along its
+/// heaviest edge to a neighbour that is still alone. Who finds none joins the group of the
+/// neighbour at its heaviest edge; who has no edges stays alone.
 /// @tparam Rows MeasurementGraph or HalfEdgeRows
 template <typename Rows>
 NodeGroups heavy_edge_matching(const Rows& rows) {
@@ -45,13 +45,13 @@ NodeGroups heavy_edge_matching(const Rows& rows) {
   NodeGroups groups;
   groups.group.assign(static_cast<std::size_t>(n), -1);
   groups.group_from_node.assign(groups.group.size(), Quaternion::Identity());
-  const auto heaviest = [&](Index i, bool alone) {
+  const auto heaviest = [&](Index i, bool to_the_free) {
     HalfEdge found{};
     double most = 0.0;
     found.node = -1;
     for (const HalfEdge& h : rows.row(i)) {
       const double weight = h.node_from_l.squaredNorm();
-      if (!(weight > most) || (alone && groups.group[h.node] >= 0)) continue;
+      if (!(weight > most) || (to_the_free && groups.group[h.node] >= 0)) continue;
       most = weight;
       found = h;
     }
@@ -59,10 +59,10 @@ NodeGroups heavy_edge_matching(const Rows& rows) {
   };
   for (Index i = 0; i < n; ++i) {
     if (groups.group[i] >= 0) continue;
-    if (const HalfEdge h = heaviest(i, true); h.node >= 0) {
+    if (const HalfEdge h = heaviest(i, /*to_the_free=*/true); h.node >= 0) {
       groups.group[i] = groups.group[h.node] = groups.count++;
       groups.group_from_node[h.node] = Quaternion(conjugated(h.node_from_l)).normalized();
-    } else if (const HalfEdge other = heaviest(i, false); other.node >= 0) {
+    } else if (const HalfEdge other = heaviest(i, /*to_the_free=*/false); other.node >= 0) {
       groups.group[i] = groups.group[other.node];
       groups.group_from_node[i] =
           Quaternion(product(groups.group_from_node[other.node], other.node_from_l)).normalized();
@@ -86,8 +86,7 @@ void append_coarse_rows(const Rows& rows, const NodeGroups& groups, const std::v
   // Vectors of different threads share a line of the cache.
   LargeVector<HalfEdge> half_edges(std::move(into));
   row_sizes.assign(static_cast<std::size_t>(end - begin), 0);
-  constexpr std::size_t none = static_cast<std::size_t>(-1);
-  std::vector<std::size_t> place(static_cast<std::size_t>(groups.count), none);
+  std::vector<Index> place(static_cast<std::size_t>(groups.count), -1);  // in the row
   for (Index a = begin; a < end; ++a) {
     const std::size_t row_start = half_edges.size();
     for (Index k = start[a]; k < start[a + 1]; ++k) {
@@ -99,19 +98,19 @@ void append_coarse_rows(const Rows& rows, const NodeGroups& groups, const std::v
         Vector4 q = product(Quaternion(product(groups.group_from_node[h.node], h.node_from_l)),
                             node_from_group);
         q *= std::sqrt(q.squaredNorm());  // from sqrt(w) to w
-        if (place[b] == none) {
-          place[b] = half_edges.size();
+        if (place[b] < 0) {
+          place[b] = static_cast<Index>(half_edges.size() - row_start);
           half_edges.push_back({WeightedQuaternion(q), b, 0});
           continue;
         }
-        auto& sum = half_edges[place[b]].node_from_l.coeffs();
+        auto& sum = half_edges[row_start + place[b]].node_from_l.coeffs();
         if (sum.dot(q) < 0.0) q = -q;  // the same rotation
         sum += q;
       }
     }
     for (std::size_t k = row_start; k < half_edges.size(); ++k) {
       HalfEdge& h = half_edges[k];
-      place[h.node] = none;
+      place[h.node] = -1;
       const double weight = h.node_from_l.norm();
       if (weight > 0.0) h.node_from_l.coeffs() /= std::sqrt(weight);
     }
@@ -124,18 +123,20 @@ void append_coarse_rows(const Rows& rows, const NodeGroups& groups, const std::v
 
 /// What the edges between groups say: R_i R_ij ~ R_j is Q_a (C_i R_ij C_j^T) ~ Q_b, and the edges
 /// of two groups become one, the mean of their quaternions; its weight is the length of their
-/// weighted sum, which is less where they contradict one another.
+/// weighted sum, which is less where they contradict one another. (Where three or more do, the two
+/// ends may see different means.)
 /// @returns the rows of the groups
 template <typename Rows>
 HalfEdgeRows coarse_rows(const Rows& rows, const NodeGroups& groups, int num_threads = 1) {
-  std::vector<Index> start(static_cast<std::size_t>(groups.count) + 1, 0), members(groups.group);
+  std::vector<Index> start(static_cast<std::size_t>(groups.count) + 1, 0);
+  std::vector<Index> members(groups.group.size());
   for (const Index g : groups.group) ++start[g + 1];
   for (Index g = 0; g < groups.count; ++g) start[g + 1] += start[g];
   std::vector<Index> next(start.begin(), start.end() - 1);
   for (Index i = 0; i < rows.num_nodes(); ++i) members[next[groups.group[i]]++] = i;
 
   const int parts = std::min(resolve_num_threads(num_threads, rows.num_edges()), groups.count);
-  // Memory is the calling thread's, which has it back from the last level.
+  // Reserved here, so that the allocator can reuse what this thread freed before.
   std::vector<LargeVector<HalfEdge>> half_edges(static_cast<std::size_t>(parts));
   for (auto& part : half_edges) {
     part.reserve(2 * static_cast<std::size_t>(rows.num_edges()) / half_edges.size());

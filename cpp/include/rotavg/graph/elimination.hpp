@@ -100,10 +100,16 @@ class Elimination {
     for (const Supernode& node : symbolic()->supernodes()) {
       factor += bytes * static_cast<double>(node.rows()) * node.columns();
     }
+    return factor + definiteness_bytes(B);
+  }
+
+  /// The same without the factor, where that is not kept (definiteness()).
+  double definiteness_bytes(int B) {
     const FrontStacks stacks(
-        *symbolic_, Subtrees(*symbolic_, B, /*num_threads=*/1),
+        *symbolic(), Subtrees(*symbolic_, B, /*num_threads=*/1),
         [](const Supernode& node) { return node.below.size() * node.below.size(); });
-    return factor + bytes * static_cast<double>(stacks.size) + matrix;
+    const auto blocks = static_cast<double>(stacks.size + pattern().row.size());
+    return B * B * sizeof(double) * blocks;
   }
 
   const BlockPattern& pattern() {

@@ -13,7 +13,7 @@
 
 namespace rotavg {
 
-/// The rows of a graph with all their half-edges one behind the other: 80 bytes an edge, for loops
+/// The rows of a graph with their half-edges one behind the other: 80 bytes an edge, for loops
 /// that go through them many times. The graph itself holds a rotation once, and on large graphs the
 /// edges of a node lie far apart, so that to gather them takes several times as long as to read
 /// them in order.

@@ -1,11 +1,8 @@
 #pragma once
 
 #include <algorithm>
-#include <atomic>
-#include <cmath>
 #include <cstddef>
 #include <functional>
-#include <limits>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -14,11 +11,9 @@
 
 #include <rotavg/linalg/buffer.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
-#include <rotavg/linalg/front.hpp>
-#include <rotavg/linalg/partial_cholesky.hpp>
+#include <rotavg/linalg/multifrontal.hpp>
 #include <rotavg/linalg/subtrees.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
-#include <rotavg/parallel/interruption.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/types.hpp>
 
@@ -28,14 +23,11 @@
 namespace rotavg {
 
 /// Sparse Cholesky factorisation, P (A + shift I) P^T = L L^T, of a matrix of B x B blocks by the
-/// multifrontal method (Duff and Reid 1983; Liu 1992): supernode by supernode, children first, the
-/// entries of its columns and what its children left over are summed into a dense front, whose
-/// columns are factorised, and whose rest is left for the parent. Threads share subtrees, and above
-/// them the fronts; every sum has its order, whoever computes it.
+/// multifrontal method, and what is solved with it.
 template <int B>
 class BlockCholesky {
  public:
-  using Blocks = std::vector<Eigen::Matrix<double, B, B>>;
+  using Blocks = typename Multifrontal<B>::Blocks;
   using MatrixView = Eigen::Map<const Eigen::MatrixXd>;
 
   /// @param symbolic the analysis of the pattern that all matrices have
@@ -43,10 +35,8 @@ class BlockCholesky {
   explicit BlockCholesky(std::shared_ptr<const SymbolicCholesky> symbolic, int num_threads = 1)
       : symbolic_(std::move(symbolic)),
         num_threads_(num_threads),
-        subtrees_(*symbolic_, B, num_threads),
-        fronts_(*symbolic_, subtrees_,
-                [](const Supernode& node) { return square(B * node.below.size()); }),
-        vectors_(*symbolic_, subtrees_,
+        fronts_(symbolic_, num_threads),
+        vectors_(*symbolic_, fronts_.subtrees(),
                  [](const Supernode& node) { return B * node.below.size(); }) {
     std::size_t size = 0;
     for (const Supernode& node : symbolic_->supernodes()) {
@@ -56,7 +46,6 @@ class BlockCholesky {
       entries_ += static_cast<double>(node.rows()) * node.columns();
     }
     panels_ = Buffer(size);
-    stack_ = Buffer(fronts_.size);
     left_over_.resize(together, vectors_.size);
   }
 
@@ -76,24 +65,9 @@ class BlockCholesky {
   /// @param keep_going asked every few milliseconds, on this thread; false stops
   CholeskyOutcome factorize(const Blocks& A, double shift = 0.0,
                             const std::function<bool()>& keep_going = {}) {
-    Interruption interruption(keep_going);
-    if (!interruption.ask()) return CholeskyOutcome::stopped;
-    const int num_threads = threads_for(num_threads_, subtrees_.work());
-    std::atomic<CholeskyOutcome> outcome{CholeskyOutcome::positive_definite};
-    const auto eliminate = [&](Index s, PartialCholesky& dense, int threads) {
-      if (outcome != CholeskyOutcome::positive_definite) return;
-      const auto of_this = this->eliminate(s, A, shift, dense, interruption, threads);
-      if (of_this != CholeskyOutcome::positive_definite) outcome = of_this;
-    };
-    subtrees_.rise(
-        num_threads,
-        [&](const Subtrees::Range& range) {
-          PartialCholesky dense;
-          for (Index s = range.begin; s < range.end; ++s) eliminate(s, dense, 1);
-        },
-        [&, dense = PartialCholesky()](Index s) mutable { eliminate(s, dense, num_threads); },
-        [&] { interruption.ask(); });
-    return interruption.is_stopped() ? CholeskyOutcome::stopped : outcome.load();
+    return fronts_.factorize(A, shift, keep_going, [this] {
+      return [this](Index s) { return panels_.data() + panel_start_[s]; };
+    });
   }
 
   /// X <- (A + shift I)^-1 X, after a factorisation that was positive definite.
@@ -122,13 +96,13 @@ class BlockCholesky {
         }
       }
     });
-    subtrees_.rise(
+    fronts_.subtrees().rise(
         num_threads,
         [&](const Subtrees::Range& range) {
           for (Index s = range.begin; s < range.end; ++s) solve_lower(s);
         },
         [&](Index s) { solve_lower(s); }, [] {});
-    subtrees_.descend(
+    fronts_.subtrees().descend(
         num_threads,
         [&](const Subtrees::Range& range) {
           RightHandSides rest = below();
@@ -157,42 +131,6 @@ class BlockCholesky {
   static constexpr int together = 4;
   using Row = Eigen::Matrix<double, together, 1>;
   using RightHandSides = Eigen::Matrix<double, together, Eigen::Dynamic>;
-
-  static std::size_t square(std::size_t size) { return size * size; }
-
-  /// Sums the front of supernode s, and factorises its columns.
-  ROTAVG_ONE_COPY CholeskyOutcome eliminate(Index s, const Blocks& A, double shift,
-                                            PartialCholesky& dense, Interruption& interruption,
-                                            int num_threads) {
-    const Supernode& node = symbolic_->supernodes()[s];
-    const Index pivots = B * node.columns(), below = B * node.num_below();
-    const Front<B> front{panels_.data() + panel_start_[s], pivots, below,
-                         stack_.data() + fronts_.front[s]};
-    const std::size_t rest_size = square(below);
-    num_threads = threads_for(num_threads, B * B * B * node.work());
-    front.set_zero(num_threads);
-    for (Index k = node.begin; k < node.end; ++k) {
-      const Index column = k - node.begin;
-      for (auto e = symbolic_->entries_begin(k); e != symbolic_->entries_end(k); ++e) {
-        auto target = front.block(e->place, column);
-        if (e->transposed) {
-          target += A[e->index].transpose();
-        } else {
-          target += A[e->index];
-        }
-      }
-      if (shift != 0.0) front.block(column, column).diagonal().array() += shift;
-    }
-    symbolic_->for_each_child(s, [&](Index child) {
-      front.add(symbolic_->supernodes()[child].in_parent, stack_.data() + fronts_.left_over[child],
-                num_threads);
-    });
-    const auto outcome = dense(front.panel, pivots, below, front.rest, interruption, num_threads);
-    // The rest takes the place of what the children left over.
-    double* const left_over = stack_.data() + fronts_.left_over[s];
-    if (left_over != front.rest) std::copy_n(front.rest, rest_size, left_over);
-    return outcome;
-  }
 
   /// X <- L^-1 X in the columns of one supernode, and what they take from the rows below, which is
   /// left over for the parent. Two columns at once halve the traffic of X.
@@ -274,13 +212,12 @@ class BlockCholesky {
 
   std::shared_ptr<const SymbolicCholesky> symbolic_;
   int num_threads_;
-  Subtrees subtrees_;
-  FrontStacks fronts_, vectors_;  // of factorisations; of solutions
+  Multifrontal<B> fronts_;
+  FrontStacks vectors_;  // of solutions
   std::vector<std::size_t> panel_start_;
   std::size_t most_rows_ = 0;
   double entries_ = 0.0;  // of L, in blocks
   Buffer panels_;         // of every supernode: its columns of L, column-major
-  Buffer stack_;          // of fronts, and of what is left over for parents
   RightHandSides permuted_, left_over_;
 };
 

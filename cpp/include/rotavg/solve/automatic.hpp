@@ -75,7 +75,8 @@ struct OtherStart {
 /// - Sweeps come first: they smooth the start, from which Newton's method would run into bad local
 ///   minima more often, and converge later. (On grids and trajectories with noise of 0.1 to 0.3
 ///   rad, three did as well as twenty.)
-/// - A start from coarser graphs has had its sweeps, and Newton's method goes on at once.
+/// - A start from coarser graphs has had its sweeps: where it is near, and the Laplacian factors in
+///   the time of some sweeps, Newton's method goes on at once.
 /// - On sparse graphs the Laplacian factors at little cost, unless it fills in, and Newton's method
 ///   goes on after three. From a given start that is near the optimum, as the last solution is when
 ///   some edges have come or gone, it needs none: they would only delay it.
@@ -139,9 +140,14 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     for (Index l = 0; l < graph.num_nodes(); ++l) squares += graph.degree(l) * graph.degree(l);
     return start.gradient_norm <= near * std::sqrt(squares);
   };
+  LaplacianMetric metric(graph, eliminations);
+  const auto factors_soon = [&] {
+    const double flops_left = bearable_sweeps * flops_a_sweep;
+    return !dense && !filled && (sparse || metric.flops(flops_left) <= flops_left);
+  };
   const bool needs_no_sweeps = from == StartsFrom::newton ||
                                (from == StartsFrom::given && sparse) ||
-                               (from == StartsFrom::smoothed && !filled && !dense);
+                               (from == StartsFrom::smoothed && factors_soon());
   const bool may_skip = needs_no_sweeps && options.max_iterations > 0 && options.time_limit > 0.0;
 
   // Sweeps, until they have converged or prove slow.
@@ -163,7 +169,7 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     return !slow;
   };
   std::optional<Coloring> coloring;
-  if (!sparse && !dense) coloring = greedy_coloring(graph);
+  if (!sparse && !dense && !may_skip) coloring = greedy_coloring(graph);
   IterationResult result =
       dense ? sum(graph, R, watched) : bcd(graph, R, watched, coloring ? &*coloring : nullptr);
   if (result.status != Status::stopped || !slow) {
@@ -176,7 +182,6 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     return result;
   }
   const IterationOptions rest = remaining(options, result);
-  LaplacianMetric metric(graph, eliminations);
   const Rotations start = result.rotations;
   const double flops = metric.flops(max_flops);
   if (flops <= max_flops) {

@@ -138,6 +138,7 @@ class SolveRun {
   enum class Origin {
     given,      ///< the caller
     automatic,  ///< the choice is left to us: where Newton's method wanders, it may be the chordal
+    named,      ///< by the caller
     other,
   };
 
@@ -176,22 +177,35 @@ class SolveRun {
 
  private:
   /// The shortest paths, which the paper's algorithms start from; for others coarser graphs, where
-  /// the paths are long, so that noise adds up along them, and there are cycles to correct it.
+  /// a share of the paths is long, so that noise adds up along them, and there are cycles to
+  /// correct it. (The two edges of gravity are half a turn apart: their mean would say nothing.)
   Rotations automatic_initial_value(Initialization& used) {
-    constexpr double long_path = 2.0;  // times log2 n: those of random graphs are shorter
-    const auto n = static_cast<double>(graph_.num_nodes());
+    constexpr double share = 0.1;
     const bool by_paper = options_.method == Method::bcd || options_.method == Method::sum ||
                           options_.method == Method::bcdsr;
     const bool has_cycles = graph_.num_edges() > graph_.num_nodes() - components_.size();
     const BreadthFirstForest forest = breadth_first_forest(graph_);
-    const Index depth = *std::max_element(forest.depth.begin(), forest.depth.end());
-    if (!by_paper && has_cycles && gravity_.first.empty() && depth > long_path * std::log2(n)) {
+    if (!by_paper && has_cycles && gravity_.first.empty() &&
+        num_far_nodes(forest) > share * graph_.num_nodes()) {
       used = Initialization::multilevel;
-      if (auto R = multilevel_init(graph_, options_.iteration.num_threads, keep_going_))
+      if (auto R = multilevel_init(graph_, options_.iteration.num_threads, keep_going_)) {
         return *std::move(R);
+      }
     }
     used = Initialization::shortest_path;
     return shortest_path_init(graph_, forest);
+  }
+
+  /// Nodes that are farther from the root of their component than those of random graphs.
+  Index num_far_nodes(const BreadthFirstForest& forest) const {
+    constexpr double far = 2.0;  // times log2 of the number of nodes
+    Index count = 0;
+    for (const std::vector<Index>& nodes : components_.nodes) {
+      const double least = far * std::log2(static_cast<double>(nodes.size()));
+      count += static_cast<Index>(std::count_if(nodes.begin(), nodes.end(),
+                                                [&](Index i) { return forest.depth[i] > least; }));
+    }
+    return count;
   }
 
   /// @returns whether more steps have made the gap smaller
@@ -248,10 +262,11 @@ class SolveRun {
       return bcd(graph_, *start, sweeps).rotations;
     }};
     const bool automatic = origin == Origin::automatic;
+    const bool has_levels =
+        (automatic || origin == Origin::named) && solution.init == Initialization::multilevel;
     const StartsFrom from = origin == Origin::given ? StartsFrom::given
-                            : automatic && solution.init == Initialization::multilevel
-                                ? StartsFrom::smoothed
-                                : StartsFrom::initial_value;
+                            : has_levels            ? StartsFrom::smoothed
+                                                    : StartsFrom::initial_value;
     IterationResult result =
         solve_automatically(graph_, eliminations_, R, limits, from, solution.method,
                             solution.reason, automatic ? &chordal : nullptr);

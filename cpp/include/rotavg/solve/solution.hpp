@@ -10,8 +10,8 @@
 
 namespace rotavg {
 
-/// Where a linear system would cost too much, or more than the time left, the shortest paths are
-/// used instead.
+/// Where a linear system would cost too much, coarser graphs would be no smaller, or the time is
+/// up, the shortest paths are used instead.
 enum class Initialization {
   automatic,
   shortest_path,          ///< Lemma 3

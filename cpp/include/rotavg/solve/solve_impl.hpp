@@ -163,7 +163,7 @@ inline Solution solve(SolveRun& run, std::optional<Rotations> start) {
     run.from(R, options.method, solution,
              given    ? Origin::given
              : chosen ? Origin::automatic
-                      : Origin::other);
+                      : Origin::named);
     if (automatic && chosen && solution.init != Initialization::chordal &&
         detail::is_refuted(run, solution)) {
       detail::try_chordal_start(run, solution);
