@@ -50,6 +50,20 @@ TEST_CASE("a node is matched along its heaviest edge, and what rides together fi
   }
 }
 
+TEST_CASE("nodes without edges make no groups") {
+  std::vector<RelativeRotation> edge(1);
+  edge[0].i = 3;
+  edge[0].j = 5;
+  const MeasurementGraph graph(edge, {1, 3, 4, 5, 6});
+  const NodeGroups groups = heavy_edge_matching(graph);
+  CHECK(groups.count == 1);
+  CHECK(groups.group == std::vector<Index>(5, 0));
+  const HalfEdgeRows rows = coarse_rows(graph, groups);
+  CHECK(rows.num_nodes() == 1);
+  CHECK(rows.num_edges() == 0);
+  CHECK(heavy_edge_matching(rows).count == 0);
+}
+
 TEST_CASE("the heaviest edge of a path is the first to go") {
   std::vector<RelativeRotation> path(3);
   const double weights[] = {1.0, 10.0, 1.0};

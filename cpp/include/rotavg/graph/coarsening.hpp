@@ -17,8 +17,8 @@
 
 namespace rotavg {
 
-/// Nodes in groups, of two or more where they have edges, that move as one: R_i = Q_g(i) C_i, with
-/// C_i a product of measurements, so that what rides together fits exactly.
+/// Nodes in groups of two or more that move as one: R_i = Q_g(i) C_i, with C_i a product of
+/// measurements, so that what rides together fits exactly.
 struct NodeGroups {
   Index count = 0;
   std::vector<Index> group;     ///< (n,) g(i)
@@ -37,7 +37,8 @@ struct NodeGroups {
 
 /// Heavy-edge matching (Karypis and Kumar 1998): every node, one after the other, along its
 /// heaviest edge to a neighbour that is still alone. Who finds none joins the group of the
-/// neighbour at its heaviest edge; who has no edges stays alone.
+/// neighbour at its heaviest edge; who has no edges, so that its rotation is free, the first group.
+/// There are no groups where nobody has edges.
 /// @tparam Rows MeasurementGraph or HalfEdgeRows
 template <typename Rows>
 NodeGroups heavy_edge_matching(const Rows& rows) {
@@ -67,7 +68,7 @@ NodeGroups heavy_edge_matching(const Rows& rows) {
       groups.group_from_node[i] =
           Quaternion(product(groups.group_from_node[other.node], other.node_from_l)).normalized();
     } else {
-      groups.group[i] = groups.count++;
+      groups.group[i] = 0;
     }
   }
   return groups;

@@ -37,7 +37,7 @@ std::optional<Quaternions> rotations_of_level(const Rows& rows, Levels& levels) 
   {
     if (!levels.goes_on()) return std::nullopt;
     const NodeGroups groups = heavy_edge_matching(rows);
-    if (groups.count == n) return groups.group_from_node;  // no edges are left
+    if (groups.count == 0) return groups.group_from_node;  // no edges are left
     if (!levels.goes_on()) return std::nullopt;
     const HalfEdgeRows coarse = coarse_rows(rows, groups, levels.num_threads);
     levels.half_edges_left -= 2.0 * coarse.num_edges();

@@ -67,7 +67,7 @@ class Multifrontal {
         num_threads,
         [&](const Subtrees::Range& range) {
           PartialCholesky dense;
-          const auto panel_of = make_panels();
+          auto panel_of = make_panels();
           for (Index s = range.begin; s < range.end; ++s) eliminate(s, panel_of(s), dense, 1);
         },
         [&, dense = PartialCholesky(), panel_of = make_panels()](Index s) mutable {
@@ -127,12 +127,17 @@ template <int B>
 CholeskyOutcome definiteness(const std::shared_ptr<const SymbolicCholesky>& symbolic,
                              const typename Multifrontal<B>::Blocks& A, int num_threads,
                              const std::function<bool()>& keep_going) {
-  std::size_t largest = 0;
-  for (const Supernode& node : symbolic->supernodes()) {
-    largest = std::max(largest, static_cast<std::size_t>(B * node.rows()) * (B * node.columns()));
-  }
-  return Multifrontal<B>(symbolic, num_threads).factorize(A, 0.0, keep_going, [largest] {
-    return [panel = std::make_shared<Buffer>(largest)](Index) { return panel->data(); };
+  return Multifrontal<B>(symbolic, num_threads).factorize(A, 0.0, keep_going, [&symbolic] {
+    return [&symbolic, scratch = Buffer(), size = std::size_t{0}](Index s) mutable {
+      const Supernode& node = symbolic->supernodes()[s];
+      const std::size_t wanted = static_cast<std::size_t>(B * node.rows()) * (B * node.columns());
+      if (wanted > size) {  // they grow towards the roots
+        size = 2 * wanted;
+        scratch = Buffer();
+        scratch = Buffer(size);
+      }
+      return scratch.data();
+    };
   });
 }
 
