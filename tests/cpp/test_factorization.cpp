@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <vector>
 
 #include <doctest/doctest.h>
@@ -25,14 +26,15 @@ struct Proofs {
   ComponentBound bound;
 };
 
-Proofs proofs(const MeasurementGraph& graph, const Rotations& R, double resolution, bool keeps) {
+Proofs proofs(const MeasurementGraph& graph, const Rotations& R, double resolution, bool keeps,
+              const std::function<bool()>& keep_going = {}) {
   const test::CertificateAt at(graph, R);
   std::vector<Elimination> eliminations = grounded_eliminations(graph, at.components);
   DefiniteFactorization proof(at.S, eliminations[0], resolution,
                               objective(graph, R) / graph.total_weight(), {}, keeps ? 1e9 : 0.0);
   Proofs result;
   result.outcome = proof.factorize({});
-  if (result.outcome == CholeskyOutcome::positive_definite) result.bound = proof.bound({});
+  if (result.outcome == CholeskyOutcome::positive_definite) result.bound = proof.bound(keep_going);
   return result;
 }
 
@@ -67,12 +69,43 @@ TEST_CASE("a factor that is not kept proves what one does that is kept, and boun
         CHECK(gone.bound.is_definite);
         CHECK(gone.bound.gap >= kept.bound.gap * (1.0 - 1e-6));
         CHECK(gone.bound.gap <= 1.2 * kept.bound.gap + resolution);
+        if (gone.bound.gap <= resolution) {
+          CHECK(gone.bound.lambda_min == -gone.bound.gap / graph.num_nodes());
+        } else {
+          CHECK(std::isnan(gone.bound.lambda_min));
+        }
         // It holds: what is left to gain is no more.
         const double gain = objective(graph, R) - best.objective;
         CHECK(gain <= gone.bound.gap + 1e-14 * graph.total_weight());
       }
     }
   }
+}
+
+TEST_CASE("where conjugate gradients are stopped, the gap that is known is still one") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph graph = test::simulate_graph(random, test::grid(12, 12), 0.1);
+  const Solution best = optimum(graph);
+  const Rotations R = test::perturbed(random, best.rotations, 1e-4);
+  const double resolution = 1e-8 * best.objective;
+  const ComponentBound whole = proofs(graph, R, resolution, false).bound;
+  const ComponentBound stopped = proofs(graph, R, resolution, false, [] { return false; }).bound;
+  CHECK(stopped.gap > 10.0 * whole.gap);
+  CHECK(std::isnan(stopped.lambda_min));
+  CHECK(stopped.is_definite);
+}
+
+TEST_CASE("a factor that was not kept can be made later") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph graph = test::simulate_graph(random, test::grid(12, 12), 0.1);
+  const test::CertificateAt at(graph, optimum(graph).rotations);
+  std::vector<Elimination> eliminations = grounded_eliminations(graph, at.components);
+  DefiniteFactorization proof(at.S, eliminations[0], 1e-8, 0.01, {}, 0.0);
+  REQUIRE(proof.factorize({}) == CholeskyOutcome::positive_definite);
+  CHECK(proof.cholesky().factorize(at.S.blocks(eliminations[0])) ==
+        CholeskyOutcome::positive_definite);
 }
 
 TEST_CASE("what is no minimum is refused without a factor, too") {

@@ -175,9 +175,13 @@ class ComponentBounds {
   }
 
   bool fits() const {
+    constexpr double bytes_a_node = 450.0;  // of conjugate gradients
     double bytes = elimination_.factor_bytes(3);
-    if (bytes > DefiniteFactorization::large_factor) {  // it is not kept
-      bytes = std::max(elimination_.definiteness_bytes(3), elimination_.factor_bytes(1));
+    const bool may_have_headings = !gravity_.free_heading.empty();
+    if (bytes > DefiniteFactorization::large_factor && !may_have_headings) {  // it is not kept
+      // (If S is not positive, nothing can be kept then, and other proofs are tried.)
+      bytes = std::max(elimination_.definiteness_bytes(3),
+                       elimination_.factor_bytes(1) + bytes_a_node * S_.num_nodes());
     }
     return has_memory_for(bytes);
   }

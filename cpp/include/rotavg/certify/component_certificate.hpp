@@ -34,7 +34,9 @@ struct ComponentCertificate {
   CertificateMethod method = CertificateMethod::none;
   /// Smallest eigenvalue of S = Lambda - Rt, Lambda symmetrised; zero to rounding at the optimum.
   /// Where S is not positive, and large, what an iteration has come down to: not less than it.
-  /// NaN where it is not known: the work was stopped, or the iteration did not converge.
+  /// Where a large factor was not kept, -gap / n, which is not above it to first order. NaN where
+  /// it is not known: the work was stopped, the iteration did not converge, or such a gap is too
+  /// large.
   double lambda_min = 0.0;
   /// f(R) - f* <= gap.
   double gap = std::numeric_limits<double>::infinity();
@@ -136,12 +138,13 @@ inline ComponentCertificate certify_component(const ComponentBound& bound, const
   return certificate;
 }
 
-/// What keeps a certificate from the tolerance that was stopped on its way: after a random start
-/// the gap is only what is known without any product.
+/// What keeps a certificate from the tolerance that was stopped on its way: after a random start,
+/// and with a factor that is not kept, the gap is only what is known without any product.
 inline Shortfall shortfall_if_stopped(const Certificate& certificate) {
-  const bool by_start = certificate.method == CertificateMethod::random_start;
+  const bool is_rough =
+      certificate.method == CertificateMethod::random_start || std::isnan(certificate.lambda_min);
   const bool is_open = certificate.shortfall == Shortfall::undecided ||
-                       (certificate.shortfall == Shortfall::leftover && by_start);
+                       (certificate.shortfall == Shortfall::leftover && is_rough);
   return is_open ? Shortfall::stopped : certificate.shortfall;
 }
 

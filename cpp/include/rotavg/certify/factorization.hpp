@@ -79,11 +79,11 @@ inline double lambda_min_by_factor(const CertificateMatrix& S, const Eigen::Matr
 /// as the edges' part of dK is B^T d with B the incidence matrix, L = B^T W B, and d^T B L^-1 B^T d
 /// <= d^T W^-1 d. All of it is of second order: the square of the residual, or of the rounding.
 ///
-/// A large factor is not kept, for that it exists is all that is asked of it: Z need not be exact,
-/// and comes from conjugate gradients (leftover_solution.hpp).
+/// A large factor is not kept (but with free headings), for that it exists is all that is asked of
+/// it: Z need not be exact, and comes from conjugate gradients (leftover_solution.hpp).
 class DefiniteFactorization {
  public:
-  /// A factor of more bytes is not kept.
+  /// A factor of more bytes is not kept, but with free headings.
   static constexpr double large_factor = 1e8;
 
   /// @param S, elimination (of the component, without its root) must outlive this object
@@ -120,12 +120,9 @@ class DefiniteFactorization {
   }
 
   /// Room for a factor of S_r or what is close to it.
-  /// @throws std::bad_alloc
+  /// @throws std::bad_alloc where memory for it is not free
   BlockCholesky<3>& cholesky() {
-    if (!cholesky_) {
-      if (!has_memory_for(elimination_.factor_bytes(3))) throw std::bad_alloc();
-      make_factor();
-    }
+    if (!cholesky_) make_factor();
     return *cholesky_;
   }
 
@@ -148,7 +145,11 @@ class DefiniteFactorization {
       Z.setZero(K.rows(), K.cols());
       Z.bottomRows(K.rows() - 3) = cholesky_->solve(K.bottomRows(K.rows() - 3));
     } else {
-      Z = LeftoverSolution(S_, elimination_, kappa_, mu_)(K, resolution_, keep_going);
+      try {
+        Z = LeftoverSolution(S_, elimination_, kappa_, mu_)(K, resolution_, keep_going);
+      } catch (const std::bad_alloc&) {
+        Z.setZero(K.rows(), K.cols());  // it is a proof all the same
+      }
     }
     Eigen::MatrixXd rho = K - S_.apply_less_laplacian(Z, kappa_);
     for (const FreeHeading& heading : headings_) {
@@ -175,14 +176,18 @@ class DefiniteFactorization {
     if (cholesky_) {
       const Matrix3 Q = inner_products(K.leftCols(3), Z.leftCols(3));
       bound.lambda_min = lambda_min_by_factor(S_, Z.leftCols(3), Q, *cholesky_, keep_going);
-    } else {
-      bound.lambda_min = -bound.gap / S_.num_nodes();  // to first order
+    } else if (bound.gap <= resolution_) {
+      bound.lambda_min = -bound.gap / S_.num_nodes();  // not above it, to first order
     }
     return bound;
   }
 
  private:
-  void make_factor() { cholesky_.emplace(elimination_.symbolic(), elimination_.num_threads()); }
+  void make_factor() {
+    const double bytes = elimination_.factor_bytes(3);
+    if (bytes > large_factor && !has_memory_for(bytes)) throw std::bad_alloc();
+    cholesky_.emplace(elimination_.symbolic(), elimination_.num_threads());
+  }
 
   CholeskyOutcome factorize_once(const std::function<bool()>& keep_going) {
     if (cholesky_) return cholesky_->factorize(blocks(), 0.0, keep_going);
@@ -257,8 +262,8 @@ class DefiniteFactorization {
       const double K_norm = std::sqrt(block_dot(K, K, a)), rho_a = block_dot(rho, rho, a);
       // Of rho: the blocks' rounding and as much again for the products.
       const double error = 4.0 * S_.block_rounding(a) * longest + 4.0 * unit_roundoff * K_norm;
-      first_order += block_dot(K, Z, a);
-      first_order += longest * (std::sqrt(rho_a) + error) + summing * longest * K_norm;
+      first_order += block_dot(K, Z, a) + block_dot(rho, Z, a);
+      first_order += longest * error + summing * longest * (K_norm + std::sqrt(rho_a));
       rho_square += rho_a / mu_[a - 1];
       error_square += error * error / mu_[a - 1];
     }

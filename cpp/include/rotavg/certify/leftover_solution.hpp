@@ -20,9 +20,10 @@ namespace rotavg {
 /// Z with A Z close to K, A = S_r - kappa L_r (x) I >= diag(mu), by conjugate gradients that the
 /// scalar Laplacian preconditions: S = L (x) I_3 where all residuals vanish.
 ///
-/// For any Z, tr(K^T A^-1 K) <= tr(Z^T A Z) + 2 tr(Z^T rho) + sum |rho_a|^2 / mu_a with the
-/// residual rho = K - A Z, where the middle term is zero up to rounding. They end where the last
-/// one adds little, or all of it is small enough; after a last step of Newton's method at Z = 0.
+/// For any Z, with the residual rho = K - A Z, tr(K^T A^-1 K) <= tr(Z^T A Z) + 2 tr(Z^T rho) + sum
+/// |rho_a|^2 / mu_a. They end where the last term adds little, or all is small enough, which after
+/// a last step of Newton's method it mostly is at Z = 0. (The last term charges all of rho to mu,
+/// so that more steps pay than where the least eigenvalue is known, complement_bound.hpp.)
 class LeftoverSolution {
  public:
   /// @param S, elimination (without the root), mu (of its rows) must outlive this object
@@ -46,8 +47,8 @@ class LeftoverSolution {
     };
     if (is_enough()) return Z;
     BlockCholesky<1> laplacian(elimination_.symbolic(), elimination_.num_threads());
-    const auto outcome = laplacian.factorize(
-        grounded_laplacian(S_.graph(), elimination_, S_.graph().weights()), 0.0, keep_going);
+    const auto outcome =
+        laplacian.factorize(grounded_laplacian(S_.graph(), elimination_), 0.0, keep_going);
     if (outcome != CholeskyOutcome::positive_definite) return Z;
     Eigen::MatrixXd P = preconditioned(laplacian, rho);
     Row squares = products(rho, P);

@@ -100,16 +100,16 @@ class Elimination {
     for (const Supernode& node : symbolic()->supernodes()) {
       factor += bytes * static_cast<double>(node.rows()) * node.columns();
     }
-    return factor + definiteness_bytes(B);
+    return factor + waiting_bytes(B);
   }
 
-  /// The same without the factor, where that is not kept (definiteness()).
+  /// The same where the factor is not kept (definiteness()), but for the columns at hand.
   double definiteness_bytes(int B) {
-    const FrontStacks stacks(
-        *symbolic(), Subtrees(*symbolic_, B, /*num_threads=*/1),
-        [](const Supernode& node) { return node.below.size() * node.below.size(); });
-    const auto blocks = static_cast<double>(stacks.size + pattern().row.size());
-    return B * B * sizeof(double) * blocks;
+    double largest = 0.0;
+    for (const Supernode& node : symbolic()->supernodes()) {
+      largest = std::max(largest, static_cast<double>(node.rows()) * node.columns());
+    }
+    return waiting_bytes(B) + B * B * sizeof(double) * largest * num_threads_;
   }
 
   const BlockPattern& pattern() {
@@ -150,6 +150,15 @@ class Elimination {
   }
 
  private:
+  /// Of the matrix, and of the fronts that wait.
+  double waiting_bytes(int B) {
+    const FrontStacks stacks(
+        *symbolic(), Subtrees(*symbolic_, B, /*num_threads=*/1),
+        [](const Supernode& node) { return node.below.size() * node.below.size(); });
+    const auto blocks = static_cast<double>(stacks.size + pattern().row.size());
+    return B * B * sizeof(double) * blocks;
+  }
+
   /// About how many nodes the largest front has: some of the widest level, and fewer on chains and
   /// trees, which are wide as well, but have few independent cycles.
   double likely_front() const {

@@ -58,9 +58,9 @@ class Multifrontal {
     if (!interruption.ask()) return CholeskyOutcome::stopped;
     const int num_threads = threads_for(num_threads_, subtrees_.work());
     std::atomic<CholeskyOutcome> outcome{CholeskyOutcome::positive_definite};
-    const auto eliminate = [&](Index s, double* panel, PartialCholesky& dense, int threads) {
+    const auto eliminate = [&](Index s, auto& panel_of, PartialCholesky& dense, int threads) {
       if (outcome != CholeskyOutcome::positive_definite) return;
-      const auto of_this = this->eliminate(s, A, shift, panel, dense, interruption, threads);
+      const auto of_this = this->eliminate(s, A, shift, panel_of(s), dense, interruption, threads);
       if (of_this != CholeskyOutcome::positive_definite) outcome = of_this;
     };
     subtrees_.rise(
@@ -68,10 +68,10 @@ class Multifrontal {
         [&](const Subtrees::Range& range) {
           PartialCholesky dense;
           auto panel_of = make_panels();
-          for (Index s = range.begin; s < range.end; ++s) eliminate(s, panel_of(s), dense, 1);
+          for (Index s = range.begin; s < range.end; ++s) eliminate(s, panel_of, dense, 1);
         },
         [&, dense = PartialCholesky(), panel_of = make_panels()](Index s) mutable {
-          eliminate(s, panel_of(s), dense, num_threads);
+          eliminate(s, panel_of, dense, num_threads);
         },
         [&] { interruption.ask(); });
     return interruption.is_stopped() ? CholeskyOutcome::stopped : outcome.load();
@@ -121,18 +121,24 @@ class Multifrontal {
   Buffer stack_;  // of fronts, and of what is left over for parents
 };
 
-/// Whether A is positive definite, by a factorisation of which nothing is kept: the memory is that
-/// of the fronts that wait, and what would be written once and never read is not written.
+/// Whether A is positive definite, by a factorisation of which nothing is kept: beside A there is
+/// memory for the fronts that wait and for the columns at hand, which the next ones replace.
 template <int B>
 CholeskyOutcome definiteness(const std::shared_ptr<const SymbolicCholesky>& symbolic,
                              const typename Multifrontal<B>::Blocks& A, int num_threads,
                              const std::function<bool()>& keep_going) {
-  return Multifrontal<B>(symbolic, num_threads).factorize(A, 0.0, keep_going, [&symbolic] {
-    return [&symbolic, scratch = Buffer(), size = std::size_t{0}](Index s) mutable {
-      const Supernode& node = symbolic->supernodes()[s];
-      const std::size_t wanted = static_cast<std::size_t>(B * node.rows()) * (B * node.columns());
-      if (wanted > size) {  // they grow towards the roots
-        size = 2 * wanted;
+  const auto panel_size = [&symbolic](Index s) {
+    const Supernode& node = symbolic->supernodes()[s];
+    return static_cast<std::size_t>(B * node.rows()) * (B * node.columns());
+  };
+  std::size_t largest = 0;
+  for (Index s = 0; s < static_cast<Index>(symbolic->supernodes().size()); ++s) {
+    largest = std::max(largest, panel_size(s));
+  }
+  return Multifrontal<B>(symbolic, num_threads).factorize(A, 0.0, keep_going, [&] {
+    return [&panel_size, largest, scratch = Buffer(), size = std::size_t{0}](Index s) mutable {
+      if (panel_size(s) > size) {  // they grow towards the roots
+        size = std::min(2 * panel_size(s), largest);
         scratch = Buffer();
         scratch = Buffer(size);
       }
