@@ -2,6 +2,7 @@
 #include <cmath>
 #include <set>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
 #include <doctest/doctest.h>
@@ -171,10 +172,13 @@ TEST_CASE("after a few new edges a sparse graph is solved by Newton's method at 
     measurements.push_back(m);
   }
   const MeasurementGraph graph(measurements);
-  const Solution cold = solve(graph);
+  SolveOptions from_tree;  // coarser graphs would be as near
+  from_tree.init = Initialization::shortest_path;
+  const Solution cold = solve(graph, from_tree);
   const Solution warm =
       solve(graph, {}, warm_start(graph, before, last.rotations, last.components));
   CHECK(warm.iterations < cold.iterations - 1);
+  CHECK(warm.reason.find("from a start that is near") != std::string::npos);
   CHECK(warm.method == Method::newton);
   CHECK(warm.certificate.verdict == Verdict::proved);
   CHECK(warm.objective == doctest::Approx(cold.objective).epsilon(1e-9));
