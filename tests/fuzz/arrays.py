@@ -16,24 +16,17 @@ import sys
 import traceback
 import warnings
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 import rotavg
+from rotavg.solving.solve import Init
 
 ODD = (np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-320, -1.0, 1e308, 1e-100, 1e100, 1e-101, 1e101, 2.0)
 INSIDES = ("vector", "basic_string", "std::", "bad_alloc", "deque", "array::")
 METHODS = ("auto", "bcd", "sum", "newton", "staircase", "bcdsr")
-INITS = (
-    "auto",
-    "shortest_path",
-    "spanning_tree",
-    "maximum_spanning_tree",
-    "multilevel",
-    "chordal",
-    "random",
-)
+INITS = get_args(Init)
 LOSSES = ("l2", "huber", "l1", "cauchy", "geman_mcclure", "tls", "auto")
 
 

@@ -199,12 +199,13 @@ def test_the_command_offers_every_choice_of_the_library() -> None:
 
 
 def test_solve_starts_from_a_file_of_rotations(update: Path) -> None:
-    cold = json.loads(run("solve", update / "graph.csv", "--json").stdout)
+    tree = run("solve", update / "graph.csv", "--init", "shortest_path", "--json")
+    cold = json.loads(tree.stdout)
     done = run("solve", update / "graph.csv", "--init", update / "older.csv", "--json")
     assert done.returncode == 0
     warm = json.loads(done.stdout)
     assert warm["init"] == "given"
-    assert warm["iterations"] <= cold["iterations"]
+    assert warm["iterations"] < cold["iterations"]
     assert warm["objective"] == pytest.approx(cold["objective"], rel=1e-9)
     assert warm["certificate"]["verdict"] == "proved"
     assert done.stderr.endswith("older.csv: 10 of 100 nodes of the graph are not in it\n")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import click
 import numpy as np
@@ -14,18 +14,10 @@ import rotavg
 from rotavg.cli import options
 from rotavg.graph.ids import rows_of
 from rotavg.io import read_rotations
+from rotavg.solving.solve import Init
 from rotavg.solving.warm_start import warm_start
 
-_NAMES = (
-    "auto",
-    "shortest_path",
-    "spanning_tree",
-    "maximum_spanning_tree",
-    "multilevel",
-    "chordal",
-    "quaternion",
-    "random",
-)
+_NAMES = get_args(Init)
 
 
 class NameOrFile(click.Choice):  # type: ignore[type-arg]

@@ -60,7 +60,7 @@ std::optional<Quaternions> rotations_of_level(const Rows& rows, Levels& levels) 
 /// joined by the heaviest edges ride on one another, until nothing is left to join. The way back
 /// gives every level the rotations of the coarser one and two sweeps of block coordinate descent.
 /// Each level thus corrects what it can see, and noise does not add up along paths. Exact without
-/// noise; it takes about as long as ten sweeps, and the memory of some of the graph's rows.
+/// noise; it takes as long as some sweeps, and the memory of the rows of all levels.
 ///
 /// Lattices, trajectories and cities shrink from level to level. Of random graphs the edges stay as
 /// many as they are, as no two of them join the same groups: there is no result (and no need of
