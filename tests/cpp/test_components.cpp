@@ -9,6 +9,7 @@
 #include <rotavg/graph/breadth_first.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/graph/widest_level.hpp>
 
 #include "support/graphs.hpp"
 #include "support/random.hpp"

@@ -226,6 +226,32 @@ TEST_CASE("rows of half-edges one behind the other are those of the graph, in an
   }
 }
 
+TEST_CASE("rows that several threads have made are those of one") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph graph(
+      test::simulate(random, test::random_connected(random, 3000, 30000), 0.1));
+  std::vector<Index> some;  // the last one is not among them
+  for (Index i = 0; i < graph.num_nodes() - 1; i += 1 + random.below(3)) some.push_back(i);
+  const auto same = [](const HalfEdgeRows& a, const HalfEdgeRows& b) {
+    REQUIRE(a.num_nodes() == b.num_nodes());
+    CHECK(a.num_edges() == b.num_edges());
+    for (Index l = 0; l < a.num_nodes(); ++l) {
+      REQUIRE(std::equal(a.row(l).begin(), a.row(l).end(), b.row(l).begin(), b.row(l).end(),
+                         [](const HalfEdge& x, const HalfEdge& y) {
+                           return x.node == y.node && x.edge_and_end == y.edge_and_end &&
+                                  x.node_from_l.coeffs() == y.node_from_l.coeffs();
+                         }));
+    }
+  };
+  for (const int num_threads : {2, 3, 8}) {
+    CAPTURE(num_threads);
+    same(HalfEdgeRows(graph), HalfEdgeRows(graph, nullptr, num_threads));
+    same(HalfEdgeRows(graph, HalfEdgeRows::Only{some}),
+         HalfEdgeRows(graph, HalfEdgeRows::Only{some}, num_threads));
+  }
+}
+
 TEST_CASE("an edge takes 64 bytes") {
   std::vector<RelativeRotation> measurements;
   for (NodeId k = 0; k < 10'000; ++k) measurements.push_back({k % 100, 100 + k % 77});

@@ -9,6 +9,7 @@
 #include <rotavg/certify/certificate_matrix.hpp>
 #include <rotavg/certify/local_operator.hpp>
 #include <rotavg/certify/random_start.hpp>
+#include <rotavg/init/shortest_path.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/solve/bcd.hpp>
 #include <rotavg/solve/solve.hpp>
@@ -174,6 +175,35 @@ TEST_CASE("other seeds draw other starts, the same seed the same") {
   const auto one = M.random(1), again = M.random(1), other = M.random(2);
   CHECK(one[7] == again[7]);
   CHECK(one[7] != other[7]);
+}
+
+TEST_CASE("a random start of many nodes is normal, each entry by itself") {
+  Random random;
+  INFO(random.replay());
+  constexpr Index n = 4000;  // that share several generators
+  const MeasurementGraph graph(test::simulate(random, test::random_connected(random, n, n), 0.01));
+  const CertificateAt at(graph, shortest_path_init(graph));
+  const LocalOperator<2> M(at.S, at.q);
+  auto z = M.random(random.seed());
+  double squares = 0.0, fourth = 0.0;
+  std::vector<double> in_blocks(4, 0.0);  // of neighbouring generators, at the same places
+  for (Index a = 0; a < n; ++a) {
+    const double scale = graph.degree(a) * static_cast<double>(3 * n);
+    for (Eigen::Index k = 0; k < 6; ++k) {
+      const double y = z[a](k) * std::sqrt(scale);  // normal, but for the projection
+      squares += y * y;
+      fourth += y * y * y * y;
+      if (a + 1024 < n) {
+        const double other =
+            z[a + 1024](k) * std::sqrt(graph.degree(a + 1024) * static_cast<double>(3 * n));
+        in_blocks[static_cast<std::size_t>(a / 1024)] += y * other;
+      }
+    }
+  }
+  constexpr double count = 6.0 * n, deviations = 6.0;
+  CHECK(std::abs(squares / count - 1.0) < deviations * std::sqrt(2.0 / count));
+  CHECK(std::abs(fourth / count - 3.0) < deviations * std::sqrt(96.0 / count));
+  for (const double sum : in_blocks) CHECK(std::abs(sum) < deviations * std::sqrt(6.0 * 1024.0));
 }
 
 TEST_CASE("too few products are known to be too few before most of them are made") {

@@ -47,7 +47,8 @@ class LocalOperator : public OperatorColumns<LocalOperator<C>, C> {
   LocalOperator(const CertificateMatrix& S, const Quaternions& q)
       : S_(S),
         num_threads_(S.residuals().num_threads()),
-        rows_(std::make_shared<const HalfEdgeRows>(S.graph(), HalfEdgeRows::Only{S.nodes()})) {
+        rows_(std::make_shared<const HalfEdgeRows>(S.graph(), HalfEdgeRows::Only{S.nodes()},
+                                                   num_threads_)) {
     std::vector<Node> nodes(S.nodes().size());
     for (Index a = 0; a < S.num_nodes(); ++a) {
       const Index i = S.nodes()[a];

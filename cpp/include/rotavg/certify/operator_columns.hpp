@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -60,15 +61,23 @@ class OperatorColumns {
   /// Columns that are uniform on the unit sphere of the complement.
   Vectors random(std::uint64_t seed) const {
     constexpr double two_pi = 6.283185307179586;
-    std::mt19937_64 generator(seed);
-    Vectors z(static_cast<std::size_t>(self().num_nodes()));
-    for (Index a = 0; a < self().num_nodes(); ++a) {  // y is normal (Box and Muller)
-      const double root = std::sqrt(self().degree(a));
-      for (Eigen::Index k = 0; k < z[a].size(); ++k) {
-        const double radius = std::sqrt(-2.0 * std::log1p(-random_unit(generator)));
-        z[a](k) = radius * std::cos(two_pi * random_unit(generator)) / root;
+    constexpr Index nodes_of_block = 1024;   // that share a generator
+    constexpr double work_of_block = 300.0;  // of a node, for each column
+    const Index n = self().num_nodes();
+    Vectors z(static_cast<std::size_t>(n));
+    const int num_threads = threads_for(self().num_threads(), work_of_block * C * n);
+    parallel_for((n + nodes_of_block - 1) / nodes_of_block, num_threads, [&](Index b) {
+      std::seed_seq sequence{seed, seed >> 32, static_cast<std::uint64_t>(b)};  // 32 bits of each
+      std::mt19937_64 generator(sequence);
+      const Index end = std::min(n, (b + 1) * nodes_of_block);
+      for (Index a = b * nodes_of_block; a < end; ++a) {  // y is normal (Box and Muller)
+        const double root = std::sqrt(self().degree(a));
+        for (Eigen::Index k = 0; k < z[a].size(); ++k) {
+          const double radius = std::sqrt(-2.0 * std::log1p(-random_unit(generator)));
+          z[a](k) = radius * std::cos(two_pi * random_unit(generator)) / root;
+        }
       }
-    }
+    });
     self().project(z);
     const Row squares = products(z, z);
     for (Block& block : z) {

@@ -1,8 +1,10 @@
 #pragma once
 
+#include <cstddef>
 #include <utility>
 #include <vector>
 
+#include <rotavg/graph/breadth_first.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 
 #pragma GCC diagnostic push
@@ -22,38 +24,26 @@ struct Components {
   Index root(Index c) const { return nodes[c].front(); }
 };
 
-inline Components connected_components(const MeasurementGraph& graph) {
-  const auto n = static_cast<std::size_t>(graph.num_nodes());
+/// The components whose trees a forest of the graph is made of.
+inline Components connected_components(const BreadthFirstForest& forest) {
+  const std::size_t n = forest.order.size();
   Components components;
   components.label.assign(n, -1);
   components.row_in_component.assign(n, 0);
-  std::vector<Index> stack;
-  Index unlabelled = graph.num_nodes();  // none are left on dense graphs long before the last row
-  for (Index root = 0; root < graph.num_nodes(); ++root) {
-    if (components.label[root] >= 0) continue;
-    const Index c = components.size();
-    components.nodes.emplace_back();
-    components.label[root] = c;
-    --unlabelled;
-    stack.assign(1, root);
-    while (!stack.empty() && unlabelled > 0) {
-      const Index i = stack.back();
-      stack.pop_back();
-      for (const HalfEdge& h : graph.row(i)) {
-        Index& label = components.label[h.node];
-        if (label >= 0) continue;
-        label = c;
-        --unlabelled;
-        stack.push_back(h.node);
-      }
-    }
+  for (const Index i : forest.order) {
+    const Index parent = forest.parent[i];
+    components.label[i] = parent < 0 ? components.size() : components.label[parent];
+    if (parent < 0) components.nodes.emplace_back();
   }
-  for (Index i = 0; i < graph.num_nodes(); ++i) {
+  for (Index i = 0; i < static_cast<Index>(n); ++i) {
     std::vector<Index>& nodes = components.nodes[components.label[i]];
     components.row_in_component[i] = static_cast<Index>(nodes.size());
     nodes.push_back(i);
   }
   return components;
+}
+inline Components connected_components(const MeasurementGraph& graph) {
+  return connected_components(breadth_first_forest(graph));
 }
 
 /// One component as a graph of its own, its nodes in the same order.

@@ -9,9 +9,9 @@
 
 #include <Eigen/Core>
 
-#include <rotavg/graph/breadth_first.hpp>
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
+#include <rotavg/graph/widest_level.hpp>
 #include <rotavg/linalg/subtrees.hpp>
 #include <rotavg/linalg/symbolic_cholesky.hpp>
 #include <rotavg/parallel/threads.hpp>
@@ -20,6 +20,10 @@
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
 
 namespace rotavg {
+
+/// Graphs of at most so many edges at a node, on average, are sparse: their Laplacians factor at
+/// little cost, unless they fill in.
+constexpr double sparse_degree = 20.0;
 
 /// What all matrices of one component share, its scalar Laplacian and those of 3 x 3 blocks alike:
 /// the sparsity pattern, the order of elimination and the elimination tree. Each is computed when
@@ -132,10 +136,13 @@ class Elimination {
   std::vector<Eigen::Matrix<double, B, B>> assemble(Diagonal&& diagonal,
                                                     OffDiagonal&& off_diagonal) {
     using Block = Eigen::Matrix<double, B, B>;
-    std::vector<Block> blocks(pattern().row.size(), Block::Zero());
+    std::vector<Block> blocks(pattern().row.size());  // which who writes there touches first
     const double work = 10.0 * B * B * static_cast<double>(places_.size());
     parallel_for(size(), threads_for(num_threads_, work), [&](Index a) {
       blocks[pattern_.start[a]] = diagonal(node(a));
+      for (Index p = first_place_[a]; p < first_place_[a + 1]; ++p) {
+        blocks[places_[p].entry].setZero();
+      }
       for (Index p = first_place_[a]; p < first_place_[a + 1]; ++p) {
         const Place& place = places_[p];
         const Block block = off_diagonal(place.edge);

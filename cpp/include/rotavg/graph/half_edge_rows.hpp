@@ -1,11 +1,13 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <utility>
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/huge_pages.hpp>
+#include <rotavg/parallel/threads.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -34,32 +36,21 @@ class HalfEdgeRows {
   /// The graph may be gone, or have other weights, later: these stay.
   /// @param order (n,) all nodes, in the order in which loops go through them; by default that of
   ///        the graph
-  explicit HalfEdgeRows(const MeasurementGraph& graph, const std::vector<Index>* order = nullptr) {
-    LargeVector<HalfEdge>& half_edges = parts_.emplace_back();
-    half_edges.reserve(2 * graph.edges().size());  // which then stay where they are
-    rows_.assign(static_cast<std::size_t>(graph.num_nodes()), {nullptr, nullptr});
-    for (Index k = 0; k < graph.num_nodes(); ++k) {
-      const Index l = order ? (*order)[static_cast<std::size_t>(k)] : k;
-      const HalfEdge* const begin = half_edges.data() + half_edges.size();
-      for (const HalfEdge& h : graph.row(l)) half_edges.push_back(h);
-      rows_[static_cast<std::size_t>(l)] = {begin, half_edges.data() + half_edges.size()};
-    }
+  explicit HalfEdgeRows(const MeasurementGraph& graph, const std::vector<Index>* order = nullptr,
+                        int num_threads = 1)
+      : rows_(graph.nodes().size(), Row{nullptr, nullptr}) {
+    const auto node = [order](Index k) { return order ? (*order)[k] : k; };
+    gather(graph, num_nodes(), num_threads, node, node);
   }
   /// Of some nodes alone: row(k) is that of nodes[k].
   struct Only {
     const std::vector<Index>& nodes;
   };
-  HalfEdgeRows(const MeasurementGraph& graph, Only only) {
-    std::size_t size = 0;
-    for (const Index l : only.nodes) size += static_cast<std::size_t>(graph.row(l).size());
-    LargeVector<HalfEdge>& half_edges = parts_.emplace_back();
-    half_edges.reserve(size);  // which then stay where they are
-    rows_.reserve(only.nodes.size());
-    for (const Index l : only.nodes) {
-      const HalfEdge* const begin = half_edges.data() + half_edges.size();
-      for (const HalfEdge& h : graph.row(l)) half_edges.push_back(h);
-      rows_.emplace_back(begin, half_edges.data() + half_edges.size());
-    }
+  HalfEdgeRows(const MeasurementGraph& graph, Only only, int num_threads = 1)
+      : rows_(only.nodes.size(), Row{nullptr, nullptr}) {
+    gather(
+        graph, num_nodes(), num_threads, [&](Index k) { return only.nodes[k]; },
+        [](Index k) { return k; });
   }
   /// Of half-edges that were made elsewhere, in parts: those of the first rows, and so on.
   /// @param row_sizes of all parts
@@ -87,6 +78,33 @@ class HalfEdgeRows {
   const Row& row(Index l) const { return rows_[static_cast<std::size_t>(l)]; }
 
  private:
+  /// The rows of node_at(0), node_at(1) … as row(row_at(0)) and so on, each thread a part of them.
+  template <typename NodeAt, typename RowAt>
+  void gather(const MeasurementGraph& graph, Index count, int num_threads, const NodeAt& node_at,
+              const RowAt& row_at) {
+    const int parts = std::max(
+        1, std::min(resolve_num_threads(num_threads, graph.num_edges()), static_cast<int>(count)));
+    parts_.resize(static_cast<std::size_t>(parts));
+    std::vector<Index> begin{0};
+    for (int p = 0; p < parts; ++p) {
+      begin.push_back(static_cast<Index>(static_cast<long long>(count) * (p + 1) / parts));
+      std::size_t size = 0;
+      for (Index k = begin[p]; k < begin[p + 1]; ++k) {
+        size += static_cast<std::size_t>(graph.row(node_at(k)).size());
+      }
+      parts_[p].reserve(size);  // which then stays where it is
+    }
+    parallel_for(parts, parts, [&](Index p) {
+      LargeVector<HalfEdge> half_edges(std::move(parts_[p]));  // no line of the cache is shared
+      for (Index k = begin[p]; k < begin[p + 1]; ++k) {
+        const HalfEdge* const row = half_edges.data() + half_edges.size();
+        for (const HalfEdge& h : graph.row(node_at(k))) half_edges.push_back(h);
+        rows_[row_at(k)] = {row, half_edges.data() + half_edges.size()};
+      }
+      parts_[p] = std::move(half_edges);
+    });
+  }
+
   std::vector<LargeVector<HalfEdge>> parts_;
   std::vector<Row> rows_;
 };

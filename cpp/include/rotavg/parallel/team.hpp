@@ -35,10 +35,11 @@ namespace rotavg {
 /// that do not depend on one another, which the calling thread takes one after the other, and its
 /// helpers with it as they come. It waits for nobody who has not come, and never busily for long:
 /// on processors that others use it goes through the tasks alone, as one thread would. Which thread
-/// takes a task decides nothing about what the task computes. And where it had to wait longer for
-/// helpers (which other programs may hold up in the middle of a task) than they worked for it, it
-/// does without them for some time: for twice what that lost, which may have been chance, and for
-/// longer and longer where it happens again, up to fifty times.
+/// takes a task decides nothing about what the task computes. And where a job lost more to its
+/// helpers than they worked for it, it does without them for some time: for twice what that lost,
+/// which may have been chance, and for longer and longer where it happens again, up to fifty times.
+/// So do all jobs where helpers were held up in the middle of a task, by other programs; where they
+/// were only not worth the call, it is this kind of job alone, and others may be longer.
 ///
 /// Every thread that calls has its own team, made when it is first needed; helpers sleep between
 /// calls. After a fork the child makes a new one.
@@ -88,9 +89,36 @@ class Team {
     for (Index k = 0; k < count; ++k) call<Task>(&task, k);
   }
 
+  /// Whether helpers are worth their price, as far as some jobs have told.
+  struct Trust {
+    Clock::time_point alone_until{};
+    Clock::duration owed{};  ///< by helpers: what they lost and have not made good
+    int distrust = least;    ///< how many times what was lost it goes on alone
+
+    static constexpr int least = 2, most = 50;
+
+    void learn(Clock::duration lost, Clock::time_point now) {
+      constexpr Clock::duration longest = std::chrono::seconds(1), none = Clock::duration::zero();
+      owed = std::max(none, owed + lost);
+      if (lost > none) {
+        alone_until = now + std::min(distrust * lost, longest);
+        distrust = std::min(2 * distrust, most);
+      } else if (owed == none) {
+        distrust = std::max(distrust / 2, least);
+      }
+    }
+  };
+  /// What the calling thread knows of one kind of job.
+  template <typename Task>
+  static Trust& in_job() {
+    thread_local Trust trust;
+    return trust;
+  }
+
   template <typename Task, typename Idle>
   void share(Index count, int num_threads, const Task& task, const Idle& idle) {
-    const bool alone = Clock::now() < alone_until_;
+    Trust& in_job = Team::in_job<Task>();
+    const bool alone = Clock::now() < std::max(in_job.alone_until, in_helpers_.alone_until);
     if (!alone) hire(num_threads - 1);
     const AtTask at_task;  // alone or not, what a task calls stays here
     if (alone) return go_alone(count, task);
@@ -103,15 +131,9 @@ class Team {
     state_->finish([&] { job.guarded(idle); });
     const auto after = Clock::now();
     const Clock::duration lost = (posted - before) + (after - done) - Clock::duration(job.helped);
-    constexpr int least = 2, most = 50;
-    constexpr Clock::duration longest = std::chrono::seconds(1), none = Clock::duration::zero();
-    owed_ = std::max(none, owed_ + lost);
-    if (lost > none) {
-      alone_until_ = after + std::min(distrust_ * lost, longest);
-      distrust_ = std::min(2 * distrust_, most);
-    } else if (owed_ == none) {
-      distrust_ = std::max(distrust_ / 2, least);
-    }
+    const bool held_up = after - done > patience;
+    if (held_up || lost <= Clock::duration::zero()) in_helpers_.learn(lost, after);
+    if (!held_up) in_job.learn(lost, after);
     job.rethrow();
   }
 
@@ -286,9 +308,7 @@ class Team {
 
   std::unique_ptr<State> state_;
   long process_ = 0;
-  Clock::time_point alone_until_{};
-  Clock::duration owed_{};  ///< by helpers: what they lost and have not made good
-  int distrust_ = 2;        ///< how many times what was lost it goes on alone
+  Trust in_helpers_;
 };
 
 }  // namespace rotavg

@@ -204,7 +204,6 @@ inline void two_sum_steps(RobustResiduals& residuals, Quaternions& q, const Moni
 ///
 /// @param graph that the steps will be taken on; must outlive them
 inline InnerSteps inner_steps(const MeasurementGraph& graph, Method method, int num_threads) {
-  constexpr double sparse_degree = 20.0;
   const double sweep_flops = 400.0 * graph.num_edges();  // about, in two reweighted sweeps
   const double degree = 2.0 * graph.num_edges() / std::max<Index>(graph.num_nodes(), 1);
   const double max_flops = degree > sparse_degree ? sweep_flops : std::max(2e8, 5.0 * sweep_flops);

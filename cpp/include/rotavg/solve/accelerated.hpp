@@ -70,7 +70,7 @@ inline IterationResult accelerated_bcd(const MeasurementGraph& graph, const Rota
                                        const IterationOptions& options = {},
                                        const Coloring* coloring = nullptr) {
   Monitor monitor(graph, R, options);
-  const HalfEdgeRows rows(graph, coloring ? &coloring->node : nullptr);
+  const HalfEdgeRows rows(graph, coloring ? &coloring->node : nullptr, monitor.num_threads());
   const auto step = [&](const Quaternions& from, const ResidualQuaternions&, Quaternions& next,
                         ResidualQuaternions& after) {
     next = from;

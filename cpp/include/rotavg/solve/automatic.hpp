@@ -55,6 +55,15 @@ inline IterationOptions remaining(const IterationOptions& options, const Iterati
   return rest;
 }
 
+/// A graph fills in where the factor of its Laplacian takes longer than so many sweeps.
+constexpr double filled_sweeps = 7.0;
+
+/// Operations of a factorisation that take as long as so many sweeps.
+inline double flops_of_sweeps(const MeasurementGraph& graph, double sweeps) {
+  constexpr double flops_an_end = 220.0;  // of an edge
+  return sweeps * flops_an_end * 2.0 * graph.num_edges();
+}
+
 /// Where solve_automatically() starts.
 enum class StartsFrom {
   initial_value,  ///< the gradient is small on average at any tree's start, which meets most edges
@@ -102,12 +111,9 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
                                            const Rotations& R, const IterationOptions& options,
                                            StartsFrom from, Method& method, std::string& reason,
                                            OtherStart* other = nullptr) {
-  constexpr double sparse_degree = 20.0;                    // edges at a node, on average
   constexpr double dense_degree = 64.0, dense_share = 0.1;  // of all pairs of nodes
   constexpr double max_flops = 1e10;
   constexpr int first_sweeps = 3, watched_sweeps = 6;
-  constexpr double flops_an_end = 220.0;  // take as long as an edge's end does in a sweep
-  constexpr double filled_sweeps = 7.0;   // which a factor takes
   constexpr double bearable_sweeps = 40.0;
   constexpr double near = 0.1;       // radians, the root of the mean of squares
   constexpr int straight_steps = 5;  // of Newton's method
@@ -118,8 +124,8 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
     for (Elimination& elimination : eliminations) flops += elimination.likely_flops(1);
     return flops;
   };
-  const double flops_a_sweep = flops_an_end * 2.0 * graph.num_edges();
-  const bool filled = degree <= sparse_degree && likely_flops() > filled_sweeps * flops_a_sweep;
+  const bool filled =
+      degree <= sparse_degree && likely_flops() > flops_of_sweeps(graph, filled_sweeps);
   const bool sparse = degree <= sparse_degree && !filled;
   const bool dense = degree >= dense_degree && degree >= dense_share * n;
   const auto line = [&reason](const auto&... parts) {
@@ -133,7 +139,7 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   const auto are_too_many = [&](double sweeps) {
     if (sweeps <= bearable_sweeps) return false;
     const double flops = likely_flops();
-    return flops > max_flops || sweeps * flops_a_sweep > flops;
+    return flops > max_flops || flops_of_sweeps(graph, sweeps) > flops;
   };
   const auto is_near = [&](const Progress& start) {
     double squares = 0.0;
@@ -142,7 +148,7 @@ inline IterationResult solve_automatically(const MeasurementGraph& graph,
   };
   LaplacianMetric metric(graph, eliminations);
   const auto factors_soon = [&] {
-    const double flops_left = bearable_sweeps * flops_a_sweep;
+    const double flops_left = flops_of_sweeps(graph, bearable_sweeps);
     return !dense && !filled && (sparse || metric.flops(flops_left) <= flops_left);
   };
   const bool needs_no_sweeps = from == StartsFrom::newton ||

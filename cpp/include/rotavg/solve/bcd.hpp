@@ -93,7 +93,7 @@ inline IterationResult bcd(const MeasurementGraph& graph, const Rotations& R,
   std::optional<HalfEdgeRows> rows;  // not made where there is nothing to do
   double step = 0.0;
   while (!monitor.should_stop(residuals.objective(), residuals.gradient_norm(), step)) {
-    if (!rows) rows.emplace(graph, coloring ? &coloring->node : nullptr);
+    if (!rows) rows.emplace(graph, coloring ? &coloring->node : nullptr, monitor.num_threads());
     step = coloring ? bcd_sweep(*rows, *coloring, q, monitor) : bcd_sweep(*rows, q, monitor);
     residuals.update(q);
   }

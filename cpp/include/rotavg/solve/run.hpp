@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <future>
 #include <optional>
 #include <string>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -48,7 +50,8 @@ class SolveRun {
       : graph_(graph),
         options_(stop_.heeding(options)),
         gravity_(std::move(gravity)),
-        components_(connected_components(graph)),
+        forest_(breadth_first_forest(graph)),
+        components_(connected_components(forest_)),
         eliminations_(grounded_eliminations(graph, components_,
                                             resolve_num_threads(options.iteration.num_threads))),
         lower_bounds_(components_.nodes.size()),
@@ -131,7 +134,7 @@ class SolveRun {
     }
     if (R) return *std::move(R);
     used = Initialization::shortest_path;
-    return shortest_path_init(graph_);
+    return shortest_path_init(graph_, forest_);
   }
 
   /// Where an initial value comes from.
@@ -184,26 +187,45 @@ class SolveRun {
     const bool by_paper = options_.method == Method::bcd || options_.method == Method::sum ||
                           options_.method == Method::bcdsr;
     const bool has_cycles = graph_.num_edges() > graph_.num_nodes() - components_.size();
-    const BreadthFirstForest forest = breadth_first_forest(graph_);
-    if (!by_paper && has_cycles && gravity_.first.empty() &&
-        num_far_nodes(forest) > share * graph_.num_nodes()) {
-      used = Initialization::multilevel;
-      if (auto R = multilevel_init(graph_, options_.iteration.num_threads, keep_going_)) {
-        return *std::move(R);
-      }
+    const bool by_levels = !by_paper && has_cycles && gravity_.first.empty() &&
+                           num_far_nodes() > share * graph_.num_nodes();
+    const bool sparse = 2.0 * graph_.num_edges() <= sparse_degree * graph_.num_nodes();
+    std::future<void> analysis;
+    if (by_levels || (sparse && !by_paper && has_cycles)) analysis = analyse_beside();
+    std::optional<Rotations> R;
+    if (by_levels) R = multilevel_init(graph_, options_.iteration.num_threads, keep_going_);
+    used = R ? Initialization::multilevel : Initialization::shortest_path;
+    if (!R) R = shortest_path_init(graph_, forest_);
+    if (analysis.valid()) analysis.get();
+    return *std::move(R);
+  }
+
+  /// Begins, where there is another thread, what Newton's steps and the proof will ask for unless
+  /// the graph fills in: the orders of elimination and their analysis. Nobody else may ask for them
+  /// before the end of what is returned, which waits.
+  std::future<void> analyse_beside() {
+    if (resolve_num_threads(options_.iteration.num_threads, graph_.num_edges()) < 2) return {};
+    const double limit = flops_of_sweeps(graph_, filled_sweeps);
+    try {
+      return std::async(std::launch::async, [this, limit] {
+        for (Elimination& elimination : eliminations_) {
+          const bool factors = elimination.likely_flops(1) <= limit;
+          if (factors && elimination.flops(1, limit) <= limit) elimination.symbolic();
+        }
+      });
+    } catch (const std::system_error&) {
+      return {};  // the system gives no thread: it is made when it is asked for
     }
-    used = Initialization::shortest_path;
-    return shortest_path_init(graph_, forest);
   }
 
   /// Nodes that are farther from the root of their component than those of random graphs.
-  Index num_far_nodes(const BreadthFirstForest& forest) const {
+  Index num_far_nodes() const {
     constexpr double far = 2.0;  // times log2 of the number of nodes
     Index count = 0;
     for (const std::vector<Index>& nodes : components_.nodes) {
       const double least = far * std::log2(static_cast<double>(nodes.size()));
       count += static_cast<Index>(std::count_if(nodes.begin(), nodes.end(),
-                                                [&](Index i) { return forest.depth[i] > least; }));
+                                                [&](Index i) { return forest_.depth[i] > least; }));
     }
     return count;
   }
@@ -279,6 +301,7 @@ class SolveRun {
   const SolveOptions options_;
   const GravityPairs gravity_;
   const Stopwatch watch_;
+  const BreadthFirstForest forest_;
   const Components components_;
   std::vector<Elimination> eliminations_;
   std::vector<LowerBound> lower_bounds_;  ///< on the optimum of every component
