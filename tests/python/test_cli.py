@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ import rotavg
 def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "rotavg", *map(str, arguments)],
+        stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         cwd=cwd,
@@ -48,12 +50,45 @@ def test_noisy_edges_come_through_a_pipe(tmp_path: Path) -> None:
     rotavg.write(path, rotavg.simulate("complete", 8, noise=0.5, seed=1).graph)
     for command in ("info", "solve"):
         result = subprocess.run(
-            [sys.executable, "-m", "rotavg", command, "/dev/stdin"],
+            [sys.executable, "-m", "rotavg", command, "-"],
             input=path.read_text(), capture_output=True, text=True,
             check=False,
         )  # fmt: skip
         assert result.returncode == 0, result.stderr
         assert "28" in result.stdout  # edges
+
+
+def test_what_goes_to_standard_output_goes_there_alone(graph_file: Path) -> None:
+    def piped(*arguments: str, data: bytes = b"", to: Any = subprocess.PIPE) -> Any:
+        command = [sys.executable, "-m", "rotavg", *arguments]
+        return subprocess.run(command, input=data, stdout=to, stderr=subprocess.PIPE, check=False)
+
+    graph = rotavg.read(graph_file)
+    solved = piped(
+        *("solve", "-", "-o", "-", "--output-format", "csv", "--json"),
+        data=graph_file.read_bytes(),
+    )
+    assert solved.returncode == 0
+    path = graph_file.with_name("solved.csv")
+    path.write_bytes(solved.stdout)
+    nodes, rotations = rotavg.read_rotations(path)
+    np.testing.assert_array_equal(nodes, graph.nodes)
+    np.testing.assert_allclose(rotations, rotavg.solve(graph).rotations, atol=1e-12)
+    assert json.loads(solved.stderr)["nodes"] == graph.num_nodes
+
+    # What is there already stays there.
+    kept = graph_file.with_name("kept.txt")
+    kept.write_bytes(b"# kept\n")
+    with kept.open("ab") as stream:
+        converted = piped("convert", str(graph_file), "-", "--output-format", "csv", to=stream)
+    assert converted.returncode == 0
+    first, *rest = kept.read_bytes().splitlines()
+    assert first == b"# kept"
+    assert len(rest) == graph.num_edges + 1
+
+    edges = piped("solve", str(graph_file), "--edges", "-")
+    assert len(edges.stdout.splitlines()) == graph.num_edges + 1
+    assert b"proved" in edges.stderr
 
 
 def test_simulate_writes_what_is_true(tmp_path: Path) -> None:
@@ -144,11 +179,10 @@ def test_too_little_memory_is_told(tmp_path: Path) -> None:
         (["solve", "graph.g2o", "-o", "a.g2o", "--edges", "./a.g2o"], "would replace another file"),
         (["solve", "graph.g2o", "--fixed", "f", "-o", "f", "--output-format", "csv"], "replace"),
         (["solve", "graph.g2o", "-o", "graph.g2o", "--output-format", "csv"], "would replace"),
-        (["solve", "graph.g2o", "--edges", "-"], "-: cannot be written: standard output is /dev"),
-        (["solve", "graph.g2o", "-o", "-", "--output-format", "csv"], "standard output is /dev"),
+        (["solve", "graph.g2o", "-o", "-"], "/dev/stdout: the name does not tell the format"),
         (["solve", "graph.g2o", "--loss-scale", "5"], "--loss-scale is for --loss, which"),
         (["solve", "graph.g2o", "--output-format", "csv"], "--output-format is for --output"),
-        (["solve", "-"], "-: cannot be read: standard input is /dev/stdin"),
+        (["solve", "-"], "/dev/stdin: the file is empty, expected a measurement graph"),
     ],
 )
 def test_bad_input_is_exit_status_2_with_one_clear_message(

@@ -13,6 +13,8 @@ from rotavg.base.errors import FormatError
 from rotavg.graph.conventions import matrices_from_quaternions
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io import read, write
+from rotavg.io.edges import read_edge_list
+from rotavg.io.node_list import read_node_list
 from rotavg.simulation.simulate import simulate
 
 
@@ -104,6 +106,42 @@ def test_a_header_of_other_names_is_refused(tmp_path: Path) -> None:
     path.write_text("i,j,q1,q2,q3,q4\n0,1,1,0,0,0\n")
     with pytest.raises(FormatError, match=r"header\.csv:1: found the header .*'q4'.*expected i j"):
         read(path)
+
+
+@pytest.mark.parametrize("quote", ["", '"'])
+@pytest.mark.parametrize("separator", [";", ","])
+def test_the_separator_that_excel_is_told_is_no_row(
+    tmp_path: Path, separator: str, quote: str
+) -> None:
+    names = [f"{quote}{word}{quote}" for word in ("i", "j", "qx", "qy", "qz", "qw")]
+    rows = [f"sep={separator}", separator.join(names), separator.join(["a", "b", *"0001"])]
+    path = tmp_path / "excel.csv"
+    path.write_text("\n".join(rows) + "\n")
+    assert read(path).edges.tolist() == [["a", "b"]]
+    edges = tmp_path / "edges.csv"
+    edges.write_text("\n".join([rows[0], separator.join(names[:2]), f"a{separator}b"]))
+    assert read_edge_list(edges, "trusted") == ([("a", "b")], [3])
+
+
+@pytest.mark.parametrize(
+    ("name", "lines", "line"),
+    [
+        ("edges.txt", [b"a b 0 0 0 1", b"# \xe9", b"b c\xe9 0 0 0 1"], 3),
+        ("edges.csv", [b"i,j,qx,qy,qz,qw", b"c\xe9,b,0,0,0,1"], 2),
+        ("quoted.csv", [b"i,j,qx,qy,qz,qw", b'"a b",c,0,0,0,1', b'"a b",c\xe9,0,0,0,1'], 3),
+    ],
+)
+def test_names_in_another_coding_are_shown_with_their_line(
+    tmp_path: Path, name: str, lines: list[bytes], line: int
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"\n".join(lines))
+    with pytest.raises(FormatError, match=rf"{name}:{line}: found '.*é.*Latin-1, .*expected UTF-8"):
+        read(path)
+    nodes = tmp_path / "nodes.txt"
+    nodes.write_bytes(b"b\n\nc\xe9\n")
+    with pytest.raises(FormatError, match=r"nodes\.txt:3: found 'cé'"):
+        read_node_list(nodes)
 
 
 def test_many_edges_are_read_quickly(tmp_path: Path) -> None:

@@ -174,8 +174,8 @@ def test_names_in_lists_of_edges_are_those_of_graphs(tmp_path: Path) -> None:
     run = CliRunner().invoke(commands, [*first, "--excluded", str(tmp_path / "out.csv")])
     assert run.exit_code == 0, run.output
     verdicts = {}
-    for i, j in read_edge_list(tmp_path / "edges.csv", "none"):
-        verdicts[i, j] = (i, j) in read_edge_list(tmp_path / "edges.csv", "is_outlier")
+    for i, j in read_edge_list(tmp_path / "edges.csv", "none")[0]:
+        verdicts[i, j] = (i, j) in read_edge_list(tmp_path / "edges.csv", "is_outlier")[0]
     assert list(verdicts) == list(map(tuple, graph.edges.tolist()))
     assert [pair for pair, wrong in verdicts.items() if wrong] == [("a", "b#1")]
     assert len(verdicts) == 5
@@ -205,6 +205,9 @@ def test_known_edges_on_the_command_line(tmp_path: Path) -> None:
     result = CliRunner().invoke(commands, ["solve", str(graph_path), *options])
     assert isinstance(result.exception, rotavg.FormatError)
     assert "sure.txt:1: found '0', expected I J" in str(result.exception)
+    (tmp_path / "sure.txt").write_text(f"# i j\n{first[0]} {first[1]}\n0 99\n")
+    result = CliRunner().invoke(commands, ["solve", str(graph_path), *options])
+    assert "sure.txt:3: it holds the edge (0, 99), which the graph" in str(result.exception)
     result = CliRunner().invoke(commands, ["solve", str(graph_path), "--trust-odometry"])
     assert result.exit_code == 2
     assert "--trust-odometry is for --loss" in result.output

@@ -49,8 +49,8 @@ def _columns(name: str, of: str) -> Callable[[Any], Any]:
         "Output": ("as_json",),
     },
 )
-@click.argument("solution_path", metavar="SOLUTION", type=options.PATH)
-@click.argument("reference_path", metavar="REFERENCE", type=options.PATH)
+@click.argument("solution_path", metavar="SOLUTION", type=options.INPUT)
+@click.argument("reference_path", metavar="REFERENCE", type=options.INPUT)
 @_format("--format", "SOLUTION")
 @_convention("--convention", "SOLUTION")
 @_format("--reference-format", "REFERENCE")
@@ -60,7 +60,7 @@ def _columns(name: str, of: str) -> Callable[[Any], Any]:
 @click.option(
     "--graph",
     "graph_path",
-    type=options.PATH,
+    type=options.INPUT,
     metavar="FILE",
     help="The graph that was solved: each of its components is aligned by itself. "
     "(A solution in npz tells them.)",

@@ -23,8 +23,8 @@ from rotavg.io.g2o_write import with_weights_to_write
     short_help="Write a measurement graph in another format.",
     groups=options.groups_of(Output=("output_format", "as_json")),
 )
-@click.argument("input_path", metavar="IN", type=options.PATH)
-@click.argument("output_path", metavar="OUT", type=options.PATH)
+@click.argument("input_path", metavar="IN", type=options.INPUT)
+@click.argument("output_path", metavar="OUT", type=options.OUTPUT)
 @reading_options
 @options.output_graph
 @options.as_json

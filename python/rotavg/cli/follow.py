@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from pathlib import Path
 from typing import Any, BinaryIO, Callable, TypeVar
@@ -59,15 +58,12 @@ def follow_input(input_path: Path, settings: dict[str, Any], loss_scale: float |
         loss=loss,
         loss_scale=loss_scale,
     )
-    if str(input_path) == "-":
-        _follow(online, Path("stdin"), sys.stdin.buffer, settings["unit_weights"])
-    else:
-        try:
-            with input_path.open("rb") as file:
-                _follow(online, input_path, file, settings["unit_weights"])
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise rotavg.FileAccessError(f"cannot be read: {reason}", path=input_path) from error
+    try:
+        with input_path.open("rb") as file:
+            _follow(online, input_path, file, settings["unit_weights"])
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise rotavg.FileAccessError(f"cannot be read: {reason}", path=input_path) from error
     if online.num_nodes == 0:
         raise rotavg.FormatError("there are no edges", path=input_path)
     return 0 if online.verdict == rotavg.Verdict.PROVED else 1

@@ -23,7 +23,7 @@ from rotavg.solving.unchecked import bridges
     short_help="Tell what graph is in a file, and how hard it is.",
     groups=options.groups_of(Output=("as_json",)),
 )
-@click.argument("input_path", metavar="INPUT", type=options.PATH)
+@click.argument("input_path", metavar="INPUT", type=options.INPUT)
 @reading_options
 @options.as_json
 def info(input_path: Path, as_json: bool, **reading: Any) -> None:

@@ -15,6 +15,7 @@ from rotavg.cli import options
 from rotavg.cli.options import choice, number
 from rotavg.io.edges import read_edge_list
 from rotavg.io.lines import integer
+from rotavg.io.registry import blame_line
 from rotavg.solving.known_edges import edge_mask, odometry
 
 _OPTIONS = (
@@ -28,7 +29,7 @@ _OPTIONS = (
     click.option(
         "--trusted",
         "trusted_path",
-        type=options.PATH,
+        type=options.INPUT,
         help="Edges that --loss does not touch: I J on every line, or CSV with columns i, j "
         "and perhaps trusted (1 or 0).",
     ),
@@ -40,7 +41,7 @@ _OPTIONS = (
     click.option(
         "--excluded",
         "excluded_path",
-        type=options.PATH,
+        type=options.INPUT,
         help="Edges to leave out, likewise (column excluded).",
     ),
 )
@@ -94,27 +95,20 @@ def read_known_edges(
     return {"trusted": trust, "excluded": leave_out}
 
 
-def _is_integer(text: str) -> bool:
-    """Whether a field is the id of a node that is a number."""
-    try:
-        integer(text)
-    except ValueError:
-        return False
-    return True
-
-
 def _mask(graph: rotavg.MeasurementGraph, path: Path, column: str) -> NDArray[np.bool_]:
-    pairs: list[tuple[Any, Any]] = list(read_edge_list(path, column))
+    named, lines = read_edge_list(path, column)
+    pairs: list[tuple[Any, Any]] = [*named]
     if graph.nodes.dtype.kind != "U":
-        try:
-            pairs = [(integer(i), integer(j)) for i, j in pairs]
-        except ValueError:
-            i, j = next(pair for pair in pairs if not all(map(_is_integer, pair)))
-            found = f"found an edge between {i!r} and {j!r}, but the nodes of the graph are numbers"
-            raise rotavg.FormatError(found, path=path) from None
-    try:
+        for row, (i, j) in enumerate(named):
+            try:
+                pairs[row] = integer(i), integer(j)
+            except ValueError:
+                found = f"found an edge between {i!r} and {j!r}"
+                expected = "but the nodes of the graph are numbers"
+                raise rotavg.FormatError(
+                    f"{found}, {expected}", path=path, line=lines[row]
+                ) from None
+    with blame_line(path, lines):
         mask = edge_mask(graph, "it", pairs)
-    except rotavg.GraphError as error:
-        raise rotavg.FormatError(str(error), path=path) from None
     assert mask is not None
     return mask

@@ -20,8 +20,7 @@ from rotavg.cli.output import print_error
 from rotavg.cli.reproduce import reproduce
 from rotavg.cli.simulate import simulate
 from rotavg.cli.solve import solve
-
-INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+from rotavg.cli.status import INTERRUPTED
 
 
 @click.group(

@@ -11,10 +11,26 @@ from click.core import ParameterSource
 
 from rotavg.cli.command import PlainNumber
 from rotavg.io import FORMATS
+from rotavg.io.atomic import STDOUT
 
 Group = TypeVar("Group")
 
-PATH = click.Path(path_type=Path)
+
+class _StreamOrPath(click.Path):
+    """A path; - is a standard stream, by the name that the system has for it."""
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(path_type=Path)
+        self.stream = stream
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """A Path."""
+        return super().convert(self.stream if str(value) == "-" else value, param, ctx)
+
+
+PATH = click.Path(path_type=Path)  # of folders and the like
+INPUT = _StreamOrPath("/dev/stdin")
+OUTPUT = _StreamOrPath(str(STDOUT))
 
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 unit_weights = click.option(

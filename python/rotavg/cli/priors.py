@@ -21,7 +21,7 @@ _OPTIONS = (
     click.option(
         "--fixed",
         "fixed_path",
-        type=options.PATH,
+        type=options.INPUT,
         help="Hold the rotations in this file, any that `rotavg compare` reads.",
     ),
     click.option(
@@ -33,7 +33,7 @@ _OPTIONS = (
     click.option(
         "--gravity",
         "gravity_path",
-        type=options.PATH,
+        type=options.INPUT,
         help="Use gravity: NAME gx gy gz, down in the node's frame, in the world (0, 1, 0).",
     ),
     click.option(
@@ -52,7 +52,7 @@ _OPTIONS = (
     click.option(
         "--rigs",
         "rigs_path",
-        type=options.PATH,
+        type=options.INPUT,
         help="Rigs: COLMAP's rig_config.json or database, or CSV of node,frame,sensor[,qw,qx,qy,qz]"
         " (rig_from_sensor); sensors without a rotation are estimated.  [default: the database's]",
     ),

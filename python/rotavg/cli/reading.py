@@ -32,7 +32,7 @@ _OPTIONS = (
     click.option(
         "--nodes",
         "nodes_path",
-        type=options.PATH,
+        type=options.INPUT,
         metavar="FILE",
         help="Use only the nodes in this file, an id or a name on each line.",
     ),

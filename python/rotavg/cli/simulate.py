@@ -40,20 +40,20 @@ from rotavg.simulation.simulate import KINDS
 @click.option(
     "-o",
     "--output",
-    type=options.PATH,
+    type=options.OUTPUT,
     required=True,
     help="A .g2o, .graph, .txt, .csv or .npz file.",
 )
 @click.option(
     "--truth",
     "truth_path",
-    type=options.PATH,
+    type=options.OUTPUT,
     help="Write the true rotations, for `rotavg compare`: a .csv, .txt, .npz, .g2o or .tum file.",
 )
 @click.option(
     "--outlier-edges",
     "outliers_path",
-    type=options.PATH,
+    type=options.OUTPUT,
     help="Write a CSV file: the ids of the edges that are outliers.",
 )
 @number("--noise", click.FloatRange(0), 0.0, "Standard deviation of the noise angle, radians.")
@@ -68,6 +68,7 @@ from rotavg.simulation.simulate import KINDS
     "Clusters of nodes that are mistaken for one another: coherent outliers; 0 for random ones.",
 )
 @number("--seed", click.IntRange(0), 0, "The same seed gives the same graph.")
+@options.output_graph
 @options.as_json
 def simulate(
     kind: str,
@@ -75,6 +76,7 @@ def simulate(
     output: Path,
     truth_path: Path | None,
     outliers_path: Path | None,
+    output_format: str | None,
     as_json: bool,
     **settings: Any,
 ) -> None:
@@ -86,7 +88,7 @@ def simulate(
       rotavg simulate complete -n 200 --noise 0.5 --drop 0.3 --seed 7 -o graph.txt
       rotavg simulate band -n 500 --outliers 0.2 -o graph.txt --truth truth.csv
     """
-    check_writable(output)
+    check_writable(output, output_format)
     if truth_path is not None:
         check_writable(truth_path, solution=True)
     if outliers_path is not None:
@@ -94,7 +96,7 @@ def simulate(
     atomic.check_distinct([output, truth_path, outliers_path])
     with working(f"simulating {n} nodes"):
         simulation = rotavg.simulate(kind, n, **settings)
-        rotavg.write(output, simulation.graph)
+        rotavg.write(output, simulation.graph, format=output_format)
         if truth_path is not None:
             rotavg.write(truth_path, simulation.truth)
         if outliers_path is not None:

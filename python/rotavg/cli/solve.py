@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import sys
 import time
 from pathlib import Path
 from typing import Any, Literal
@@ -57,6 +59,7 @@ def solve(
       rotavg solve graph.txt --method sum --threads 4 --json
       rotavg solve photos.txt --loss auto --edges edges.csv
       rotavg solve photos.db --gravity gravity.txt --headings
+      zcat graph.g2o.gz | rotavg solve - -o - --output-format csv > solved.csv
       robot | rotavg solve --follow -
     """
     check_distributed_options(distributed)
@@ -97,13 +100,14 @@ def solve(
     finally:  # what was solved is written, whether it has covariances or not
         files.write(solution, poses, input_path, read_seconds)
 
-    if as_json:
-        print_json(summary(solution, read_seconds, time.perf_counter() - start, poses))
-    else:
-        print_solution(solution)
-        if poses is not None:
-            print_text(f"  {'poses':<11} {poses}")
-        files.tell(solution)
+    with contextlib.redirect_stdout(sys.stderr if files.on_stdout else sys.stdout):
+        if as_json:
+            print_json(summary(solution, read_seconds, time.perf_counter() - start, poses))
+        else:
+            print_solution(solution)
+            if poses is not None:
+                print_text(f"  {'poses':<11} {poses}")
+            files.tell(solution)
     if interrupted:
         raise KeyboardInterrupt
     return 0 if solution.solved else 1

@@ -28,6 +28,12 @@ class SolveFiles:
     noise_variance: float | None
     report: Path | None
 
+    @property
+    def on_stdout(self) -> bool:
+        """Whether one of them is standard output, so that nothing else should be there."""
+        tables = self.edges_path, self.diagnostics_path, self.covariances_path
+        return atomic.STDOUT in (self.output, *tables, self.report)
+
     def check(self, input_path: Path, known: list[Path | None]) -> None:
         """Refuse before the work what cannot be written after it.
 

@@ -55,15 +55,17 @@ GROUPS = {
 }
 
 _OPTIONS: tuple[Callable[[Any], Any], ...] = (
-    click.argument("input_path", metavar="INPUT", type=options.PATH),
+    click.argument("input_path", metavar="INPUT", type=options.INPUT),
     click.option(
         "-o",
         "--output",
-        type=options.PATH,
+        type=options.OUTPUT,
         help="Write the poses; the name tells the format: .g2o, .csv, .tum, images.txt, ...",
     ),
     click.option(
-        "--report", type=options.PATH, help="Write an interactive report to look at, an .html file."
+        "--report",
+        type=options.OUTPUT,
+        help="Write an interactive report to look at, an .html file.",
     ),
     choice("--method", ["auto", "bcd", "sum", "newton", "staircase", "bcdsr"], "auto", "Solver."),
     init_option,
@@ -121,13 +123,13 @@ _OPTIONS: tuple[Callable[[Any], Any], ...] = (
     click.option(
         "--edges",
         "edges_path",
-        type=options.PATH,
+        type=options.OUTPUT,
         help="Write a CSV file: residual, weights and verdict of every edge.",
     ),
     click.option(
         "--diagnostics",
         "diagnostics_path",
-        type=options.PATH,
+        type=options.OUTPUT,
         help="Write a CSV file: what every node, frame and sensor adds to the objective.",
     ),
     prior_options,
@@ -147,7 +149,7 @@ _OPTIONS: tuple[Callable[[Any], Any], ...] = (
     click.option(
         "--covariances",
         "covariances_path",
-        type=options.PATH,
+        type=options.OUTPUT,
         help="Write a CSV file: how well the rotation of every node is known.",
     ),
     click.option(

@@ -87,7 +87,7 @@ def read_fields(
     table = number_table(path, numbers, lines, len(QUATERNION))
     check_finite(path, table, lines, QUATERNION)
     notes = check_quaternions(path, table, lines)
-    nodes = distinct(path, ids_of(path, ids), lines)
+    nodes = distinct(path, ids_of(path, ids, lines), lines)
     return AbsoluteRotations(nodes, matrices_from_quaternions(table), notes=notes)
 
 

@@ -9,14 +9,16 @@ from pathlib import Path
 
 from rotavg.base.errors import FileAccessError
 
+STDOUT = Path("/dev/stdout")  # where it leads to is open already, and may hold something
+
 
 def write_files(files: Mapping[Path, bytes]) -> None:
     """Write each file to a temporary one beside it, then move them all there, each in one step.
 
     Raises FileAccessError; then nothing is left behind, and files that were there are as they were
     (unless moving itself fails, after the writing has not). A folder is made for them where there
-    is none but its parent. A pipe or a device (/dev/stdout) cannot be replaced and is written to
-    directly.
+    is none but its parent. A pipe or a device cannot be replaced and is written to directly, as is
+    standard output, after what is there.
     """
     temporary: dict[Path, Path] = {}
     made: list[Path] = []
@@ -26,6 +28,11 @@ def write_files(files: Mapping[Path, bytes]) -> None:
             if len(files) > 1 and not path.parent.exists():
                 path.parent.mkdir()
                 made.append(path.parent)
+            if path == STDOUT:
+                # Its reader may have all it wants, as in `| head`.
+                with suppress(BrokenPipeError), path.open("ab") as stream:
+                    stream.write(data)
+                continue
             if path.exists() and not path.is_file():
                 path.write_bytes(data)  # a directory fails here, too
                 continue
@@ -98,7 +105,7 @@ def check_distinct(outputs: Iterable[Path | None], inputs: Iterable[Path | None]
     """
     taken = {_target(path) for path in inputs if path is not None}
     for path in outputs:
-        if path is None or (path.exists() and not path.is_file()):
+        if path is None or path == STDOUT or (path.exists() and not path.is_file()):
             continue
         if _target(path) in taken:
             raise FileAccessError(

@@ -34,8 +34,9 @@ def read_images(path: Path, data: bytes) -> AbsoluteRotations:
     """Read camera_from_world of every image."""
     rows = list(_poses(path, data))
     found = read_fields(path, rows, _COLUMNS, node="NAME")
-    numbers = ids_of(path, [fields[0] for _, fields in rows])
-    return replace(found, image_ids=distinct(path, numbers, [line for line, _ in rows]))
+    lines = [line for line, _ in rows]
+    numbers = ids_of(path, [fields[0] for _, fields in rows], lines)
+    return replace(found, image_ids=distinct(path, numbers, lines))
 
 
 def _poses(path: Path, data: bytes) -> Iterator[tuple[int, list[bytes]]]:

@@ -16,7 +16,7 @@ from rotavg.base.errors import FormatError
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader
 from rotavg.io.fields import is_header
-from rotavg.io.lines import BYTE_ORDER_MARK, content_lines, is_number
+from rotavg.io.lines import BYTE_ORDER_MARK, content_lines, is_number, not_utf8
 from rotavg.io.registry import Format, ReadOptions, Writable
 from rotavg.io.text import (
     SOLUTION_HEADER,
@@ -56,11 +56,12 @@ def write_csv(path: Path, item: Writable) -> bytes:
 def csv_rows(path: Path, data: bytes) -> Iterator[tuple[int, list[bytes]]]:
     """(line number, fields) of every line that is neither blank nor a comment."""
     next(content_lines(path, data), None)  # refuses what is binary
+    data = data.removeprefix(BYTE_ORDER_MARK)
     try:
-        text = data.removeprefix(BYTE_ORDER_MARK).decode()
+        lines = data.decode().splitlines()
     except UnicodeDecodeError as error:
-        raise FormatError(f"the names are not UTF-8: {error}", path=path) from None
-    lines = text.splitlines()
+        number = len((data[: error.start] + b".").splitlines())
+        raise not_utf8(path, data.splitlines()[number - 1], number) from None
     # Comments become blank lines, so that the reader counts them.
     content = ["" if line.lstrip().startswith("#") else line for line in lines]
     beginning = next((line for line in content if line.strip()), "")

@@ -13,6 +13,7 @@ from rotavg.base.errors import FormatError
 from rotavg.graph.ids import IdArray
 from rotavg.io import atomic, registry
 from rotavg.io.csv_text import csv_rows, quoted
+from rotavg.io.fields import is_separator_line
 from rotavg.io.lines import content_lines
 
 if TYPE_CHECKING:
@@ -45,12 +46,16 @@ def write_edge_list(path: str | os.PathLike[str], edges: IdArray) -> None:
     _write(path, HEADER[:2], edges.tolist())
 
 
-def read_edge_list(path: str | os.PathLike[str], column: str) -> list[tuple[str, str]]:
+def read_edge_list(
+    path: str | os.PathLike[str], column: str
+) -> tuple[list[tuple[str, str]], list[int]]:
     """Read the ids, as text, of the edges in a file: I J on every line, or a table of edges.
 
     A table is CSV whose header names the columns i and j, as `write_edges` makes it. If it has the
     column `column`, those edges are taken which have 1, true or yes there. Names and comments are
     as in graphs of the format csv.
+
+    Returns the ids of each edge, and the line of each.
 
     Raises:
         FileAccessError: the file cannot be read.
@@ -58,6 +63,7 @@ def read_edge_list(path: str | os.PathLike[str], column: str) -> list[tuple[str,
     """
     path = Path(path)
     edges: list[tuple[str, str]] = []
+    lines: list[int] = []
     header: list[str] | None = None
     for line, fields in _fields(path, registry.read_bytes((), path, "a list of edges")):
         names = [field.lower() for field in fields]
@@ -76,16 +82,20 @@ def read_edge_list(path: str | os.PathLike[str], column: str) -> list[tuple[str,
             raise FormatError(found, path=path, line=line)
         if chosen in ("1", "true", "yes"):
             edges.append((row["i"], row["j"]))
-    return edges
+            lines.append(line)
+    return edges, lines
 
 
 def _fields(path: Path, data: bytes) -> Iterator[tuple[int, list[str]]]:
     """(line number, fields) of every line that is neither blank nor a comment."""
     if b'"' in data and (b"," in data or b";" in data):
         for line, row in csv_rows(path, data):
-            yield line, [field.decode().strip() for field in row]
+            if not is_separator_line(row):
+                yield line, [field.decode().strip() for field in row]
         return
     for line, text in content_lines(path, data):
+        if is_separator_line(text):
+            continue
         words = text.decode(errors="replace").strip()
         separator = next((c for c in ",;" if c in words), None)
         yield line, [field.strip() for field in words.split(separator)]

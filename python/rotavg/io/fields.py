@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable
 from typing import Union
 
@@ -65,6 +66,12 @@ def is_header(row: Row, num_ids: int) -> bool:
 def says_something(row: Row) -> bool:
     """Whether there is more than separators, as below the rows of a spreadsheet."""
     return any(row) if isinstance(row, list) else bool(row.strip(b",; \t\r\f\v"))
+
+
+def is_separator_line(row: Row) -> bool:
+    """Whether this is the line (sep=;) that tells spreadsheets the separator."""
+    text = b";".join(row) if isinstance(row, list) else row.strip()
+    return re.fullmatch(rb"sep=.?", text, re.IGNORECASE) is not None
 
 
 def header_of(row: Row, num_ids: int) -> Layout | None:

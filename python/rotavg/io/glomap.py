@@ -43,7 +43,7 @@ def read_glomap(path: Path, data: bytes, options: ReadOptions) -> MeasurementGra
     names, table, lines = _pairs(path, data, 7, _EXPECTED, read=4)
     if not lines:
         raise FormatError(f"the file has no relative poses, {_EXPECTED}", path=path)
-    ids = ids_of(path, names).reshape(-1, 2)
+    ids = ids_of(path, names, lines).reshape(-1, 2)
     weights: NDArray[np.float64] | None = None
     notes = quaternion_notes(path, table, lines)
     if not options.unit_weights:

@@ -127,18 +127,31 @@ def exactly(row: NDArray[np.float64]) -> list[str]:
     return list(map(repr, row.tolist()))
 
 
-def ids_of(path: Path, fields: Sequence[bytes]) -> IdArray:
-    """Node ids (k,): integers if all fields are such and spelt as usual, names otherwise."""
+def ids_of(path: Path, fields: Sequence[bytes], lines: Sequence[int]) -> IdArray:
+    """Node ids (k,): integers if all fields are such and spelt as usual, names otherwise.
+
+    Raises FormatError for a name that is not UTF-8; as many fields each are from these lines.
+    """
     try:
         integers = list(map(int, fields))
         if b" ".join(fields) == " ".join(map(str, integers)).encode():
             return np.array(integers, dtype=object)
     except ValueError:
         pass
-    try:
-        return np.array([field.decode() for field in fields])
-    except UnicodeDecodeError as error:
-        raise FormatError(f"the names are not UTF-8: {error}", path=path) from None
+    names = []
+    for k, field in enumerate(fields):
+        try:
+            names.append(field.decode())
+        except UnicodeDecodeError:
+            line = lines[k * len(lines) // len(fields)]
+            raise not_utf8(path, field, line) from None
+    return np.array(names)
+
+
+def not_utf8(path: Path, text: bytes, line: int) -> FormatError:
+    """The error that says so; the text is shown as it would be in the most common other coding."""
+    found = f"found {text.decode('latin-1')!r} in another coding than UTF-8 (Latin-1, perhaps)"
+    return FormatError(f"{found}, expected UTF-8", path=path, line=line)
 
 
 def plain_name(path: Path, name: str, *, in_row: bool = False) -> str:

@@ -22,8 +22,10 @@ def read_node_list(path: str | os.PathLike[str]) -> IdArray:
     data = registry.read_bytes((), path, "a list of nodes")
     if b"\0" in data:
         raise FormatError("the file is binary, expected a node on each line", path=path)
-    lines = [line.strip() for line in data.removeprefix(BYTE_ORDER_MARK).splitlines()]
+    texts = enumerate(data.removeprefix(BYTE_ORDER_MARK).splitlines(), start=1)
+    nodes = [(line, text.strip()) for line, text in texts if text.strip()]
+    ids = ids_of(path, [text for _, text in nodes], [line for line, _ in nodes])
     try:
-        return unique_ids(as_ids(ids_of(path, [line for line in lines if line]), "ids of nodes"))
+        return unique_ids(as_ids(ids, "ids of nodes"))
     except GraphError as error:
         raise FormatError(str(error), path=path) from None

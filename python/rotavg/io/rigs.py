@@ -31,6 +31,7 @@ from rotavg.io.lines import (
     integer,
     is_number,
     lines_of,
+    not_utf8,
     shown,
 )
 from rotavg.io.registry import read_bytes
@@ -212,8 +213,8 @@ def _rows(path: Path, data: bytes) -> list[tuple[int, list[str]]]:
         if text.strip() and not text.lstrip().startswith(b"#"):
             try:
                 rows.append((line, comma_fields(path, line, text.decode())))
-            except UnicodeDecodeError as error:
-                raise FormatError(f"no UTF-8: {error}", path=path, line=line) from None
+            except UnicodeDecodeError:
+                raise not_utf8(path, text, line) from None
     return rows
 
 

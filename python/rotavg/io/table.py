@@ -21,7 +21,15 @@ from rotavg.graph.ids import IdArray
 from rotavg.graph.units import TURN, beyond_a_turn
 from rotavg.io import bulk
 from rotavg.io.columns import EXPECTED, Layout, layout_of
-from rotavg.io.fields import Row, Rows, header_of, is_header, says_something, split
+from rotavg.io.fields import (
+    Row,
+    Rows,
+    header_of,
+    is_header,
+    is_separator_line,
+    says_something,
+    split,
+)
 from rotavg.io.lines import (
     check_finite,
     ids_of,
@@ -60,7 +68,7 @@ class Table:
         """Node ids (m, k); FormatError if they are neither integers nor UTF-8."""
         if isinstance(self.fields, np.ndarray):
             return self.fields
-        return ids_of(path, self.fields).reshape(len(self.lines), -1)
+        return ids_of(path, self.fields, self.lines).reshape(len(self.lines), -1)
 
     def rotations(self, path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
         """The rotations (m, 3, 3), or of quaternions these (m, 4), and what to tell of them.
@@ -136,6 +144,8 @@ def read_table(
         if separated and not says_something(row):
             continue
         if first:
+            if is_separator_line(row):
+                continue
             first = False
             here = header_of(row, num_ids)
             if here is not None:

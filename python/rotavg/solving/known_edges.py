@@ -76,8 +76,10 @@ def edge_mask(
     wanted, there = rows[:, 0] * n + rows[:, 1], ends[:, 0] * n + ends[:, 1]
     known = (rows >= 0).all(axis=1) & np.isin(wanted, there)
     if not known.all():
-        i, j = pairs[np.argmin(known)].tolist()
-        raise GraphError(f"{name} holds the edge ({i!r}, {j!r}), which the graph does not have")
+        row = int(np.argmin(known))
+        i, j = pairs[row].tolist()
+        found = f"{name} holds the edge ({i!r}, {j!r}), which the graph does not have"
+        raise GraphError(found, edge=row)
     return np.isin(there, wanted)
 
 

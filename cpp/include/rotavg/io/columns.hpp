@@ -10,6 +10,8 @@
 #include <utility>
 #include <vector>
 
+#include <rotavg/io/numbers.hpp>
+
 namespace rotavg::io::detail {
 
 // What the columns of a table of rotations are, by the names that people give them.
@@ -163,8 +165,7 @@ inline std::optional<Layout> layout_of(const std::vector<std::string>& words, st
   columns::Words plain;
   for (const std::string& word : words) {
     std::string letters;
-    for (char c : word) {
-      if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+    for (const char c : lower(word)) {
       if ((c >= 'a' && c <= 'z') || (c >= '0' && c <= '9')) letters += c;
     }
     plain.push_back(letters);

@@ -63,12 +63,18 @@ inline bool read_number(const char* begin, const char* end, double& value) {
 #endif
 }
 
+/// Letters of ASCII as small ones, all else as it is.
+inline std::string lower(std::string_view text) {
+  std::string letters(text);
+  for (char& c : letters) c = static_cast<char>(c >= 'A' && c <= 'Z' ? c - 'A' + 'a' : c);
+  return letters;
+}
+
 /// A number as anybody may write it: also one beyond the range of doubles, nan, inf or infinity.
 inline bool read_any_number(std::string_view field, double& value) {
   const char *const begin = field.data(), *const end = begin + field.size();
   if (read_number(begin, end, value)) return true;
-  std::string word;
-  for (const char c : field) word += static_cast<char>(c >= 'A' && c <= 'Z' ? c - 'A' + 'a' : c);
+  std::string word = lower(field);
   const bool negative = !word.empty() && word[0] == '-';
   if (negative || (!word.empty() && word[0] == '+')) word.erase(0, 1);
   if (word == "nan" || word == "inf" || word == "infinity") {

@@ -87,6 +87,7 @@ class TableReader {
     for (const Row& row : rows) {
       if (!says_something(row)) continue;
       if (first) {
+        if (is_separator_line(row)) continue;
         first = false;
         if (const auto here = header_of(row, num_ids_)) {
           layout = layout ? layout : here;
@@ -118,6 +119,12 @@ class TableReader {
   static bool says_something(const Row& row) {
     if (row.fields.empty()) return row.text.find_first_not_of(",; \t\r\f\v") != row.text.npos;
     return std::any_of(row.fields.begin(), row.fields.end(), [](auto& f) { return !f.empty(); });
+  }
+
+  /// The line (sep=;) that tells spreadsheets the separator.
+  static bool is_separator_line(const Row& row) {
+    const std::string_view said = row.fields.empty() ? stripped(row.text) : row.fields.front();
+    return said.size() <= 5 && lower(said.substr(0, 4)) == "sep=";
   }
 
   std::optional<Layout> by_title(const Row& row) const {
