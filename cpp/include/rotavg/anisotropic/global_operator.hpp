@@ -14,7 +14,7 @@
 #include <rotavg/certify/complement_bound.hpp>
 #include <rotavg/certify/operator_columns.hpp>
 #include <rotavg/linalg/cholesky_rounding.hpp>
-#include <rotavg/linalg/huge_pages.hpp>
+#include <rotavg/parallel/huge_pages.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/types.hpp>

@@ -6,7 +6,7 @@
 #include <Eigen/Core>
 
 #include <rotavg/anisotropic/graph.hpp>
-#include <rotavg/linalg/huge_pages.hpp>
+#include <rotavg/parallel/huge_pages.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/gradient.hpp>
 #include <rotavg/problem/objective.hpp>

@@ -100,9 +100,10 @@ class LocalOperator : public OperatorColumns<LocalOperator<C>, C> {
     parallel_for(num_nodes(), num_threads_, [&](Index a) {
       const Node& node = (*nodes_)[a];
       Block sum = Block::Zero();
-      const HalfEdgeRows::Row half_edges = rows_->row(a);
-      for (const HalfEdge& h : half_edges) prefetch(&z[row[h.node]]);
-      for (const HalfEdge& h : half_edges) {
+      if (is_far(z) && a + 1 < num_nodes()) {
+        for (const HalfEdge& h : rows_->row(a + 1)) prefetch_object(z[row[h.node]]);
+      }
+      for (const HalfEdge& h : rows_->row(a)) {
         this->add_product(MeasurementGraph::block(h), z[row[h.node]], sum);
       }
       Block diagonal = Block::Zero();

@@ -10,6 +10,7 @@
 
 #include <Eigen/Core>
 
+#include <rotavg/parallel/huge_pages.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/so3/random.hpp>
@@ -39,7 +40,7 @@ template <typename Operator, int C>
 class OperatorColumns {
  public:
   using Block = Eigen::Matrix<double, 3, C>;
-  using Vectors = std::vector<Block, Eigen::aligned_allocator<Block>>;  ///< one for each node
+  using Vectors = LargeVector<Block>;  ///< one for each node
   using Row = std::array<double, C>;
 
   /// Of every column of x and of y, x^T D y.

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include <rotavg/graph/half_edge_rows.hpp>
-#include <rotavg/linalg/huge_pages.hpp>
+#include <rotavg/parallel/huge_pages.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
-#include <rotavg/linalg/huge_pages.hpp>
+#include <rotavg/parallel/huge_pages.hpp>
 #include <rotavg/parallel/threads.hpp>
 #include <rotavg/types.hpp>
 

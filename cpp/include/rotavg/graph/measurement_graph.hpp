@@ -12,7 +12,7 @@
 #include <rotavg/graph/edges.hpp>
 #include <rotavg/graph/measurement.hpp>
 #include <rotavg/graph/node_rows.hpp>
-#include <rotavg/linalg/huge_pages.hpp>
+#include <rotavg/parallel/huge_pages.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 

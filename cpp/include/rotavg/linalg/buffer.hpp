@@ -6,7 +6,7 @@
 #include <memory>
 #include <new>
 
-#include <rotavg/linalg/huge_pages.hpp>
+#include <rotavg/parallel/huge_pages.hpp>
 
 namespace rotavg {
 

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <vector>
 
+#include <rotavg/graph/half_edge_rows.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/parallel/prefetch.hpp>
 #include <rotavg/parallel/reduce.hpp>
@@ -68,14 +69,16 @@ Matrix4 davenport_matrix(const Rows& rows, const Quaternions& q, Index l) {
 
 /// Asks the memory for what K_l will be made of, which on large graphs lies far apart.
 inline void prefetch_row(const MeasurementGraph& graph, const Quaternions& q, Index l) {
-  constexpr Index in_the_cache = 50'000;  // edges
-  if (graph.num_edges() < in_the_cache) return;
+  if (!is_far(graph.quaternion_edges())) return;
   for (const HalfEdge& h : graph.row(l)) {
-    const double* const edge = graph.quaternion_edges()[h.edge()].i_from_j.coeffs().data();
-    prefetch(edge);
-    prefetch(edge + 3);  // it may reach into the next line
-    prefetch(&q[h.node]);
+    prefetch_object(graph.quaternion_edges()[h.edge()].i_from_j);
+    prefetch_object(q[h.node]);
   }
+}
+/// The same of rows that are read in order.
+inline void prefetch_row(const HalfEdgeRows& rows, const Quaternions& q, Index l) {
+  if (!is_far(q)) return;
+  for (const HalfEdge& h : rows.row(l)) prefetch_object(q[h.node]);
 }
 
 /// K_l of all nodes, with the objective and the gradient, in one pass over the measurements.

@@ -8,7 +8,7 @@
 #include <Eigen/Core>
 
 #include <rotavg/graph/measurement_graph.hpp>
-#include <rotavg/linalg/huge_pages.hpp>
+#include <rotavg/parallel/huge_pages.hpp>
 #include <rotavg/parallel/prefetch.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/gradient.hpp>

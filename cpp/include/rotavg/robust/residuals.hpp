@@ -7,7 +7,7 @@
 #include <vector>
 
 #include <rotavg/graph/measurement_graph.hpp>
-#include <rotavg/linalg/huge_pages.hpp>
+#include <rotavg/parallel/huge_pages.hpp>
 #include <rotavg/parallel/prefetch.hpp>
 #include <rotavg/parallel/reduce.hpp>
 #include <rotavg/problem/gradient.hpp>

@@ -6,6 +6,7 @@
 
 #include <Eigen/Core>
 
+#include <rotavg/parallel/huge_pages.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg {
@@ -92,7 +93,7 @@ class BasicQuaternion {
 };
 
 using Quaternion = BasicQuaternion<0>;
-using Quaternions = std::vector<Quaternion>;
+using Quaternions = LargeVector<Quaternion>;
 /// sqrt(w) times a unit quaternion: what is quadratic in it has the weight folded in.
 using WeightedQuaternion = BasicQuaternion<Eigen::DontAlign>;
 

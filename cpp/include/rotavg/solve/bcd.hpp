@@ -37,6 +37,7 @@ double bcd_sweep(const Rows& rows, Quaternions& q, const Monitor& monitor,
   double step = 0.0;
   for (Index k = 0; k < n; ++k) {
     const Index l = order == SweepOrder::rising ? k : n - 1 - k;
+    if (k + 1 < n) prefetch_row(rows, q, order == SweepOrder::rising ? l + 1 : l - 1);
     if (rows.row(l).size() == 0) continue;             // any rotation is optimal
     const Matrix4 K_l = davenport_matrix(rows, q, l);  // (10)
     const Quaternion q_l = loso(K_l, q[l]);            // (11), Algorithm 1
@@ -63,6 +64,7 @@ double bcd_sweep(const Rows& rows, const Coloring& coloring, Quaternions& q, con
     const int num_threads = threads_for(monitor.num_threads(), share * work);
     step += block_sum<double>(size, num_threads, [&](Index a) {
       const Index l = nodes[a];
+      if (a + 1 < size) prefetch_row(rows, q, nodes[a + 1]);
       if (rows.row(l).size() == 0) return 0.0;
       const Quaternion q_l = loso(davenport_matrix(rows, q, l), q[l]);  // (10), (11)
       const double distance = chordal_distance(q_l, q[l]) / std::sqrt(3.0);

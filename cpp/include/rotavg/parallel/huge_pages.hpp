@@ -43,7 +43,7 @@ struct LargeAllocator {
 
   T* allocate(std::size_t size) {
     // What is less, the C library keeps for the next that asks, touched as it is.
-    constexpr std::size_t large = std::size_t{1} << 25;
+    constexpr std::size_t large = std::size_t{1} << 24;
     if (size > std::numeric_limits<std::size_t>::max() / sizeof(T)) throw std::bad_alloc();
     return static_cast<T*>(allocate_large(size * sizeof(T), large));
   }
