@@ -166,6 +166,31 @@ TEST_CASE("one analysis serves matrices of every block size") {
   }
 }
 
+TEST_CASE("what was made ready says the same as what is made when it is asked for") {
+  Random random;
+  INFO(random.replay());
+  constexpr double none = 0.0, little = 300.0, any = 1e300;
+  for (int k = 0; k < 100; ++k) {
+    const MeasurementGraph graph = mixed_graph(random);
+    const Components components = connected_components(graph);
+    for (const double max_flops : {none, little, any}) {
+      std::vector<Elimination> ready = grounded_eliminations(graph, components);
+      std::vector<Elimination> asked = grounded_eliminations(graph, components);
+      for (std::size_t c = 0; c < ready.size(); ++c) {
+        ready[c].prepare(max_flops);
+        REQUIRE_FALSE(ready[c].has_order());
+        for (const double limit : {little, any}) {
+          for (const int B : {1, 3}) REQUIRE(ready[c].flops(B, limit) == asked[c].flops(B, limit));
+          REQUIRE(ready[c].has_order() == asked[c].has_order());
+        }
+        REQUIRE(ready[c].nonzeros() == asked[c].nonzeros());
+        REQUIRE(ready[c].factor_bytes(3) == asked[c].factor_bytes(3));
+        REQUIRE(ready[c].symbolic()->node() == asked[c].symbolic()->node());
+      }
+    }
+  }
+}
+
 TEST_CASE("beyond the limit flops are a lower bound beyond it, otherwise all there are") {
   Random random;
   INFO(random.replay());

@@ -90,6 +90,22 @@ def test_what_goes_to_standard_output_goes_there_alone(graph_file: Path) -> None
     assert len(edges.stdout.splitlines()) == graph.num_edges + 1
     assert b"proved" in edges.stderr
 
+    # What comes after it comes after it, and no JSON between.
+    with kept.open("wb") as stream:
+        for json_too in ([], ["--json"]):
+            command = ["convert", str(graph_file), "-", "--output-format", "csv", *json_too]
+            assert piped(*command, to=stream).returncode == 0
+    assert kept.read_bytes() == b"\n".join([*rest, b""]) * 2
+
+    simulated = piped("simulate", "complete", "-n", "5", "-o", "-", "--output-format", "csv")
+    assert simulated.returncode == 0
+    assert len(simulated.stdout.splitlines()) == 11
+
+    for arguments in (["-", "--nodes", "-"], [str(graph_file), "--edges", "-", "--report", "-"]):
+        twice = piped("solve", *arguments, data=graph_file.read_bytes())
+        assert twice.returncode == 2
+        assert b"is used already" in twice.stderr
+
 
 def test_simulate_writes_what_is_true(tmp_path: Path) -> None:
     arguments = ["simulate", "sphere", "-n", "60", "--noise", "0.05", "--outliers", "0.1"]

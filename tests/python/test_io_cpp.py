@@ -210,9 +210,13 @@ ODD = {
         "sep=;\ni;j;qx;qy;qz;qw\n1;2;0;0;0;1\n",
         "SEP=,\n1,2,0,0,0,1\n",
         "sep=ab\n1 2 0 0 0 1\n",
+        "sep=;;;;;;\ni;j;qx;qy;qz;qw\n1;2;0;0;0;1\n",
+        "sep=,1\n1,2,0,0,0,1\n",
         "1 2 0 0 0 1\nsep=;\n",
     ),
     "csv": (
+        'sep=,,,,,\n"i","j","qx","qy","qz","qw"\n"a b",c,0,0,0,1\n',
+        'sep=,1\n"i","j","qx","qy","qz","qw"\n"a b",c,0,0,0,1\n',
         'sep=;\n"i";"j";"qx";"qy";"qz";"qw"\n"a b";c;0;0;0;1\n',
         'i,j,qx,qy,qz,qw\n"a, b","c""d",0,0,0,1\n"c""d",e,0,0,0.1,1\n',
         'i,j,qx,qy,qz,qw\n"a,0,0,0,1\n',

@@ -14,7 +14,8 @@ class Error(Exception):
 class GraphError(Error, ValueError):
     """A measurement graph, or an argument that describes one, breaks a rule.
 
-    `edge` is the row of the offending edge, or None where no single edge is to blame.
+    `edge` is the row of the offending edge in the graph, or in the list of edges that is to blame;
+    None where no single edge is.
     """
 
     def __init__(self, message: str, *, edge: int | None = None) -> None:

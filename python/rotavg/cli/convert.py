@@ -10,7 +10,7 @@ import click
 import rotavg
 from rotavg.cli import options
 from rotavg.cli.command import Command
-from rotavg.cli.output import print_json, print_losses, print_notes
+from rotavg.cli.output import beside_files, print_json, print_losses, print_notes
 from rotavg.cli.progress import working
 from rotavg.cli.reading import read_graph, reading_options
 from rotavg.io import atomic, check_writable, losses
@@ -53,10 +53,11 @@ def convert(
     written = num_nodes_written(output_path, graph, output_format)
     if as_json:
         told = [function(output_path, graph, output_format) for function in (losses, warned_losses)]
-        print_json({
-            "nodes": written, "edges": graph.num_edges, "output": str(output_path),
-            "notes": [*graph.notes, *told[0], *told[1]],
-        })  # fmt: skip
+        with beside_files(output_path):
+            print_json({
+                "nodes": written, "edges": graph.num_edges, "output": str(output_path),
+                "notes": [*graph.notes, *told[0], *told[1]],
+            })  # fmt: skip
     else:
         print_notes(graph)
         click.echo(f"wrote {output_path}: {written} nodes, {graph.num_edges} edges", err=True)

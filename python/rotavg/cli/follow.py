@@ -13,6 +13,7 @@ import rotavg
 from rotavg.cli.options import typed
 from rotavg.cli.output import print_text
 from rotavg.io.g2o_stream import edge_lines
+from rotavg.io.streams import open_input
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -59,7 +60,7 @@ def follow_input(input_path: Path, settings: dict[str, Any], loss_scale: float |
         loss_scale=loss_scale,
     )
     try:
-        with input_path.open("rb") as file:
+        with open_input(input_path) as file:
             _follow(online, input_path, file, settings["unit_weights"])
     except OSError as error:
         reason = error.strerror or str(error)

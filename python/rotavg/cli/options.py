@@ -11,7 +11,7 @@ from click.core import ParameterSource
 
 from rotavg.cli.command import PlainNumber
 from rotavg.io import FORMATS
-from rotavg.io.atomic import STDOUT
+from rotavg.io.streams import STDIN, STDOUT
 
 Group = TypeVar("Group")
 
@@ -19,18 +19,22 @@ Group = TypeVar("Group")
 class _StreamOrPath(click.Path):
     """A path; - is a standard stream, by the name that the system has for it."""
 
-    def __init__(self, stream: str) -> None:
+    def __init__(self, stream: Path) -> None:
         super().__init__(path_type=Path)
         self.stream = stream
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        """A Path."""
-        return super().convert(self.stream if str(value) == "-" else value, param, ctx)
+        """A Path; usage error for a stream that another parameter of the command has."""
+        path = super().convert(self.stream if str(value) == "-" else value, param, ctx)
+        taken = {} if ctx is None else ctx.meta
+        if path == self.stream and taken.setdefault(f"rotavg{path}", param) is not param:
+            self.fail(f"{path} is used already", param, ctx)
+        return path
 
 
 PATH = click.Path(path_type=Path)  # of folders and the like
-INPUT = _StreamOrPath("/dev/stdin")
-OUTPUT = _StreamOrPath(str(STDOUT))
+INPUT = _StreamOrPath(STDIN)
+OUTPUT = _StreamOrPath(STDOUT)
 
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 unit_weights = click.option(

@@ -9,6 +9,7 @@ import io
 import os
 import sys
 from collections.abc import Iterable
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ import rotavg
 from rotavg.base.json_text import json_text
 from rotavg.io import losses
 from rotavg.io.formats import losses_of_solution
+from rotavg.io.streams import STDOUT
 
 
 def print_text(text: str) -> None:
@@ -38,6 +40,13 @@ def print_text(text: str) -> None:
         if not isinstance(error, BrokenPipeError):
             reason = f"cannot be written: {error.strerror}"
             raise rotavg.FileAccessError(reason, path="standard output") from error
+
+
+def beside_files(*paths: Path | None) -> AbstractContextManager[Any]:
+    """Where standard output is one of these files, what else is printed goes to stderr."""
+    if STDOUT not in paths:
+        return nullcontext()
+    return redirect_stdout(sys.stderr or io.StringIO())
 
 
 def print_json(value: dict[str, Any]) -> None:

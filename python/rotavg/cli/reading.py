@@ -12,6 +12,7 @@ import rotavg
 from rotavg.cli import options
 from rotavg.graph.ids import rows_of
 from rotavg.io.node_list import read_node_list
+from rotavg.io.streams import STDIN
 
 _OPTIONS = (
     options.input_format,
@@ -115,7 +116,7 @@ def _of_nodes(graph: rotavg.MeasurementGraph, path: Path) -> rotavg.MeasurementG
 
 def _hint(path: Path, graph: rotavg.MeasurementGraph, reading: dict[str, Any]) -> tuple[str, ...]:
     """In what other way the file should be read, where its cycles say so and the format is open."""
-    if not (path.is_file() or path.is_dir()):  # a pipe can be read but once
+    if path == STDIN or not (path.is_file() or path.is_dir()):  # a pipe can be read but once
         return ()
     told = {name: reading[name] for name in ("format", "convention", "columns")}
     found = rotavg.suggest_reading(path, graph=graph, **told)

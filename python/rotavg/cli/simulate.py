@@ -11,7 +11,7 @@ import rotavg
 from rotavg.cli import options
 from rotavg.cli.command import Command
 from rotavg.cli.options import number
-from rotavg.cli.output import print_json, print_losses
+from rotavg.cli.output import beside_files, print_json, print_losses
 from rotavg.cli.progress import working
 from rotavg.io import atomic, check_writable
 from rotavg.io.edges import write_edge_list
@@ -103,14 +103,15 @@ def simulate(
             write_edge_list(outliers_path, simulation.graph.edges[simulation.is_outlier])
     graph = simulation.graph
     if as_json:
-        print_json({
-            "kind": kind, "nodes": graph.num_nodes, "edges": graph.num_edges,
-            "outliers": int(simulation.is_outlier.sum()), "seed": settings["seed"],
-            "output": str(output),
-        })  # fmt: skip
+        with beside_files(output, truth_path, outliers_path):
+            print_json({
+                "kind": kind, "nodes": graph.num_nodes, "edges": graph.num_edges,
+                "outliers": int(simulation.is_outlier.sum()), "seed": settings["seed"],
+                "output": str(output),
+            })  # fmt: skip
     else:
         click.echo(f"wrote {output}: {graph.num_nodes} nodes, {graph.num_edges} edges", err=True)
-        print_losses(output, graph)
+        print_losses(output, graph, output_format)
         for path in (truth_path, outliers_path):
             if path is not None:
                 click.echo(f"wrote {path}", err=True)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import sys
 import time
 from pathlib import Path
 from typing import Any, Literal
@@ -18,7 +16,7 @@ from rotavg.cli.follow import check_follow_options, follow_input
 from rotavg.cli.headings import check_heading_options, solve_upright
 from rotavg.cli.known_edges import KnownEdges, check_known_edges, read_known_edges
 from rotavg.cli.options import taken, typed
-from rotavg.cli.output import print_json, print_notes, print_solution, print_text
+from rotavg.cli.output import beside_files, print_json, print_notes, print_solution, print_text
 from rotavg.cli.poses import check_refinable
 from rotavg.cli.priors import KnownNodes, check_prior_options, read_priors, with_doubts
 from rotavg.cli.progress import progress, working
@@ -100,7 +98,7 @@ def solve(
     finally:  # what was solved is written, whether it has covariances or not
         files.write(solution, poses, input_path, read_seconds)
 
-    with contextlib.redirect_stdout(sys.stderr if files.on_stdout else sys.stdout):
+    with beside_files(*files.paths):
         if as_json:
             print_json(summary(solution, read_seconds, time.perf_counter() - start, poses))
         else:

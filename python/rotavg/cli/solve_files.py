@@ -29,10 +29,10 @@ class SolveFiles:
     report: Path | None
 
     @property
-    def on_stdout(self) -> bool:
-        """Whether one of them is standard output, so that nothing else should be there."""
+    def paths(self) -> tuple[Path | None, ...]:
+        """All that are written."""
         tables = self.edges_path, self.diagnostics_path, self.covariances_path
-        return atomic.STDOUT in (self.output, *tables, self.report)
+        return (self.output, *tables, self.report)
 
     def check(self, input_path: Path, known: list[Path | None]) -> None:
         """Refuse before the work what cannot be written after it.
@@ -86,8 +86,7 @@ class SolveFiles:
 
     def tell(self, solution: rotavg.Solution) -> None:
         """Say on stderr what was written, and what of the solution is not in it."""
-        tables = self.edges_path, self.diagnostics_path, self.covariances_path
-        for path in (self.output, *tables, self.report):
+        for path in self.paths:
             if path is not None:
                 click.echo(f"wrote {path}", err=True)
         if self.output is not None:

@@ -29,7 +29,7 @@ class NameOrFile(click.Choice):  # type: ignore[type-arg]
         """The word, or the path; usage error for neither."""
         if isinstance(value, Path) or value in self.choices:
             return value  # type: ignore[no-any-return]
-        path = Path(value)
+        path: Path = options.INPUT.convert(value, param, ctx)
         if not value or not path.exists():
             words = ", ".join(self.choices)
             self.fail(f"{value!r} is not one of {words}, nor a file that is there", param, ctx)

@@ -8,8 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rotavg.base.errors import FileAccessError
-
-STDOUT = Path("/dev/stdout")  # where it leads to is open already, and may hold something
+from rotavg.io.streams import STDOUT, is_closed, write_to_stdout
 
 
 def write_files(files: Mapping[Path, bytes]) -> None:
@@ -29,9 +28,7 @@ def write_files(files: Mapping[Path, bytes]) -> None:
                 path.parent.mkdir()
                 made.append(path.parent)
             if path == STDOUT:
-                # Its reader may have all it wants, as in `| head`.
-                with suppress(BrokenPipeError), path.open("ab") as stream:
-                    stream.write(data)
+                write_to_stdout(data)
                 continue
             if path.exists() and not path.is_file():
                 path.write_bytes(data)  # a directory fails here, too
@@ -87,6 +84,8 @@ def check_writable(path: Path) -> None:
     folder = Path(os.path.realpath(path)).parent
     if str(path) == "-":
         reason = "standard output is /dev/stdout"
+    elif is_closed(path):
+        reason = "it is closed"
     elif path.is_dir():
         reason = "it is a folder"
     elif not folder.is_dir():

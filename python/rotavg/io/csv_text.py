@@ -15,7 +15,7 @@ from pathlib import Path
 from rotavg.base.errors import FormatError
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader
-from rotavg.io.fields import is_header
+from rotavg.io.fields import is_header, is_separator_line
 from rotavg.io.lines import BYTE_ORDER_MARK, content_lines, is_number, not_utf8
 from rotavg.io.registry import Format, ReadOptions, Writable
 from rotavg.io.text import (
@@ -61,7 +61,7 @@ def csv_rows(path: Path, data: bytes) -> Iterator[tuple[int, list[bytes]]]:
         lines = data.decode().splitlines()
     except UnicodeDecodeError as error:
         number = len((data[: error.start] + b".").splitlines())
-        raise not_utf8(path, data.splitlines()[number - 1], number) from None
+        raise not_utf8(path, data[max(0, error.start - 10) : error.start + 10], number) from None
     # Comments become blank lines, so that the reader counts them.
     content = ["" if line.lstrip().startswith("#") else line for line in lines]
     beginning = next((line for line in content if line.strip()), "")
@@ -92,7 +92,8 @@ def _first_row(head: bytes) -> list[bytes]:
     """Fields of the first row; none where this is no CSV."""
     try:
         for _, fields in csv_rows(Path(), head[: head.rfind(b"\n") + 1] or head):
-            return fields
+            if not is_separator_line(fields):
+                return fields
     except FormatError:
         pass
     return []

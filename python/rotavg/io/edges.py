@@ -66,6 +66,8 @@ def read_edge_list(
     lines: list[int] = []
     header: list[str] | None = None
     for line, fields in _fields(path, registry.read_bytes((), path, "a list of edges")):
+        if header is None and not edges and is_separator_line([f.encode() for f in fields]):
+            continue
         names = [field.lower() for field in fields]
         if header is None and not edges and {"i", "j"} <= set(names):
             header = names
@@ -90,12 +92,9 @@ def _fields(path: Path, data: bytes) -> Iterator[tuple[int, list[str]]]:
     """(line number, fields) of every line that is neither blank nor a comment."""
     if b'"' in data and (b"," in data or b";" in data):
         for line, row in csv_rows(path, data):
-            if not is_separator_line(row):
-                yield line, [field.decode().strip() for field in row]
+            yield line, [field.decode().strip() for field in row]
         return
     for line, text in content_lines(path, data):
-        if is_separator_line(text):
-            continue
         words = text.decode(errors="replace").strip()
         separator = next((c for c in ",;" if c in words), None)
         yield line, [field.strip() for field in words.split(separator)]

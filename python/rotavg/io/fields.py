@@ -71,7 +71,7 @@ def says_something(row: Row) -> bool:
 def is_separator_line(row: Row) -> bool:
     """Whether this is the line (sep=;) that tells spreadsheets the separator."""
     text = b";".join(row) if isinstance(row, list) else row.strip()
-    return re.fullmatch(rb"sep=.?", text, re.IGNORECASE) is not None
+    return re.fullmatch(rb"sep=.?[,;]*", text, re.IGNORECASE) is not None
 
 
 def header_of(row: Row, num_ids: int) -> Layout | None:

@@ -15,6 +15,7 @@ from rotavg.graph.ids import IdArray
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _BLOCK = 1 << 16
+_SHOWN = 40  # characters of a field
 _IN_NUMBERS = b"0123456789+-.eE \t\v\f\r\n" + b"infatyINFATY"
 _NOT_IN_A_NAME = re.compile(r"[\s,#]")
 _NOT_IN_A_ROW = re.compile(r"[\s,;#]")
@@ -119,7 +120,7 @@ def comma_fields(path: Path, line: int, text: str) -> list[str]:
 def shown(field: bytes) -> str:
     """A field as it can be printed in a message, cut short if it is long."""
     text = field.decode("utf-8", errors="replace")
-    return repr(text if len(text) <= 40 else text[:37] + "...")
+    return repr(text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "...")
 
 
 def exactly(row: NDArray[np.float64]) -> list[str]:
@@ -150,7 +151,9 @@ def ids_of(path: Path, fields: Sequence[bytes], lines: Sequence[int]) -> IdArray
 
 def not_utf8(path: Path, text: bytes, line: int) -> FormatError:
     """The error that says so; the text is shown as it would be in the most common other coding."""
-    found = f"found {text.decode('latin-1')!r} in another coding than UTF-8 (Latin-1, perhaps)"
+    name = text.decode("latin-1")
+    name = name if len(name) <= _SHOWN else name[: _SHOWN - 3] + "..."
+    found = f"found {name!r} in another coding than UTF-8 (Latin-1, perhaps)"
     return FormatError(f"{found}, expected UTF-8", path=path, line=line)
 
 

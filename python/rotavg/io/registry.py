@@ -16,6 +16,7 @@ from rotavg.graph.conventions import Convention
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import RotationReader
 from rotavg.io.lines import BYTE_ORDER_MARK
+from rotavg.io.streams import STDIN, open_input
 
 
 @runtime_checkable
@@ -244,7 +245,10 @@ def read_bytes(formats: Sequence[Format], path: Path, what: str = "a measurement
         hint = "".join(f" ({form.name}: a folder with {form.main_file})" for form in inside)
         raise FileAccessError(f"cannot be read: it is a folder, expected a file{hint}", path=path)
     try:
-        data = _magic_of(formats, path) or path.read_bytes()
+        data = _magic_of(formats, path)
+        if not data:
+            with open_input(path) as stream:
+                data = stream.read()
     except OSError as error:
         reason = error.strerror or str(error)
         raise FileAccessError(f"cannot be read: {reason}", path=path) from error
@@ -269,7 +273,7 @@ def blame_line(path: Path, lines: Sequence[int] | None = None) -> Iterator[None]
 
 def _magic_of(formats: Sequence[Format], path: Path) -> bytes:
     magics = [form.magic for form in formats if form.magic]
-    if not path.is_file():  # a pipe can be read but once
+    if path == STDIN or not path.is_file():  # a pipe can be read but once
         return b""
     with path.open("rb") as stream:
         head = stream.read(max(map(len, magics), default=0))

@@ -27,7 +27,7 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import TOLERANCE, nearest_rotation
 from rotavg.io import bulk
 from rotavg.io.absolute import QUATERNION, AbsoluteRotations, RotationReader, distinct, labels_of
-from rotavg.io.fields import Row, Rows, is_header, split, title_words
+from rotavg.io.fields import Row, Rows, is_header, is_separator_line, split, title_words
 from rotavg.io.lines import content_lines, is_number, plain_name
 from rotavg.io.registry import (
     Format,
@@ -171,7 +171,8 @@ def _looks_like_edges(head: bytes) -> bool:
     if b"\0" in head:
         return False
     for _, text in content_lines(Path(), head):
-        return is_edge(text)
+        if not is_separator_line(text):
+            return is_edge(text)
     return False
 
 
@@ -182,7 +183,8 @@ def _has_solution_header(head: bytes) -> bool:
     if [word.lower() for word in title_words(head)[: len(SOLUTION_HEADER)]] == [*SOLUTION_HEADER]:
         return True
     for _, text in content_lines(Path(), head):
-        return is_header(text, 1)
+        if not is_separator_line(text):
+            return is_header(text, 1)
     return False
 
 

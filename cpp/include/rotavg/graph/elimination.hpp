@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <new>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -57,27 +58,31 @@ class Elimination {
   /// returned.
   double flops(int B, double limit) {
     if (size() == 0) return 0.0;
-    const double operations = 2.0 * B * B * B;  // of two blocks multiplied and added
-    if (!order_) {
-      // Column j takes at least |L_j|^2 / 2 multiplications; with N columns and q entries,
-      // sum_j |L_j|^2 >= q^2 / N (Cauchy-Schwarz).
-      const double q = num_entries();
-      const double lower_bound = 0.5 * operations * q * q / size();
+    if (!has_order()) {
+      const double lower_bound = least_flops(B);
       if (lower_bound > limit) return lower_bound;
-      order_ = elimination_order(pattern());
     }
-    return operations * order_->multiplications;
+    return operations(B) * order().multiplications;
   }
 
   /// Entries of the factor below its diagonal, in blocks.
-  double nonzeros() {
-    if (size() == 0) return 0.0;
-    if (!order_) order_ = elimination_order(pattern());
-    return order_->nonzeros;
-  }
+  double nonzeros() { return size() == 0 ? 0.0 : order().nonzeros; }
 
-  /// Whether the order is known, so that flops() costs nothing.
-  bool has_order() const { return order_.has_value(); }
+  /// Whether the order has been asked for, so that flops() costs nothing.
+  bool has_order() const { return is_asked_; }
+
+  /// Makes the order and its analysis ready, on a thread beside others, unless they seem to be more
+  /// than so many operations of the Laplacian are worth. Nothing changes for who asks afterwards,
+  /// but that it is there; nobody may ask meanwhile. Without the memory for it, nothing is.
+  void prepare(double max_flops) try {
+    if (size() == 0 || likely_flops(1) > max_flops || least_flops(1) > max_flops) return;
+    if (!order_) order_ = elimination_order(pattern());
+    if (operations(1) * order_->multiplications <= max_flops) analyse();
+  } catch (const std::bad_alloc&) {
+    pattern_ = {};
+    order_.reset();
+    symbolic_.reset();
+  }
 
   /// What flops() will be, about, by a look at the graph, before any order is sought. Of random
   /// graphs, whose largest front takes most of it, within a factor of six; of preferential
@@ -94,11 +99,10 @@ class Elimination {
   /// the matrix; of a small one, about.
   double factor_bytes(int B) {
     if (size() == 0) return 0.0;
-    if (!order_) order_ = elimination_order(pattern());
     constexpr double small = 1e7, fronts = 1.5;
     const double bytes = B * B * sizeof(double);
     const double matrix = bytes * static_cast<double>(pattern().row.size());
-    const double about = bytes * (fronts * order_->nonzeros + size());
+    const double about = bytes * (fronts * nonzeros() + size());
     if (about < small) return about + matrix;
     double factor = 0.0;
     for (const Supernode& node : symbolic()->supernodes()) {
@@ -122,10 +126,8 @@ class Elimination {
   }
 
   std::shared_ptr<const SymbolicCholesky> symbolic() {
-    if (!symbolic_) {
-      if (!order_) order_ = elimination_order(pattern());
-      symbolic_ = std::make_shared<SymbolicCholesky>(pattern(), *order_);
-    }
+    order();
+    analyse();
     return symbolic_;
   }
 
@@ -157,6 +159,25 @@ class Elimination {
   }
 
  private:
+  /// Of so many multiplications of blocks, each with an addition.
+  static double operations(int B) { return 2.0 * B * B * B; }
+
+  /// What flops() is at least: column j takes |L_j|^2 / 2 multiplications or more; with N columns
+  /// and q entries, sum_j |L_j|^2 >= q^2 / N (Cauchy-Schwarz).
+  double least_flops(int B) {
+    const double q = num_entries();
+    return 0.5 * operations(B) * q * q / size();
+  }
+
+  const EliminationOrder& order() {
+    is_asked_ = true;
+    if (!order_) order_ = elimination_order(pattern());
+    return *order_;
+  }
+  void analyse() {
+    if (!symbolic_) symbolic_ = std::make_shared<SymbolicCholesky>(pattern(), *order_);
+  }
+
   /// Of the matrix, and of the fronts that wait.
   double waiting_bytes(int B) {
     const FrontStacks stacks(
@@ -252,6 +273,7 @@ class Elimination {
   std::vector<Index> first_place_;  // of every row; other rows have other entries
   std::optional<double> likely_front_;
   std::optional<EliminationOrder> order_;
+  bool is_asked_ = false;
   std::shared_ptr<const SymbolicCholesky> symbolic_;
 };
 

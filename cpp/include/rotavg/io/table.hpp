@@ -123,8 +123,10 @@ class TableReader {
 
   /// The line (sep=;) that tells spreadsheets the separator.
   static bool is_separator_line(const Row& row) {
-    const std::string_view said = row.fields.empty() ? stripped(row.text) : row.fields.front();
-    return said.size() <= 5 && lower(said.substr(0, 4)) == "sep=";
+    std::string said(stripped(row.text));
+    for (const std::string& field : row.fields) said += (said.empty() ? "" : ";") + field;
+    return lower(said.substr(0, 4)) == "sep=" &&
+           (said.size() <= 5 || said.find_first_not_of(",;", 5) == said.npos);
   }
 
   std::optional<Layout> by_title(const Row& row) const {

@@ -59,7 +59,7 @@ struct LargeAllocator {
   }
 };
 
-/// A vector with something for every edge.
+/// A vector that may be large: something for every edge, or for every node.
 template <typename T>
 using LargeVector = std::vector<T, LargeAllocator<T>>;
 

@@ -110,14 +110,14 @@ class Team {
   };
   /// What the calling thread knows of one kind of job.
   template <typename Task>
-  static Trust& in_job() {
+  static Trust& trust_in() {
     thread_local Trust trust;
     return trust;
   }
 
   template <typename Task, typename Idle>
   void share(Index count, int num_threads, const Task& task, const Idle& idle) {
-    Trust& in_job = Team::in_job<Task>();
+    Trust& in_job = trust_in<Task>();
     const bool alone = Clock::now() < std::max(in_job.alone_until, in_helpers_.alone_until);
     if (!alone) hire(num_threads - 1);
     const AtTask at_task;  // alone or not, what a task calls stays here
@@ -131,7 +131,7 @@ class Team {
     state_->finish([&] { job.guarded(idle); });
     const auto after = Clock::now();
     const Clock::duration lost = (posted - before) + (after - done) - Clock::duration(job.helped);
-    const bool held_up = after - done > patience;
+    const bool held_up = after - done > patience;  // or its last task was long
     if (held_up || lost <= Clock::duration::zero()) in_helpers_.learn(lost, after);
     if (!held_up) in_job.learn(lost, after);
     job.rethrow();

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <functional>
 #include <future>
@@ -190,27 +191,31 @@ class SolveRun {
     const bool by_levels = !by_paper && has_cycles && gravity_.first.empty() &&
                            num_far_nodes() > share * graph_.num_nodes();
     const bool sparse = 2.0 * graph_.num_edges() <= sparse_degree * graph_.num_nodes();
+    const bool is_asked_for = options_.certify || options_.method != Method::newton;
+    int num_threads = resolve_num_threads(options_.iteration.num_threads, graph_.num_edges());
     std::future<void> analysis;
-    if (by_levels || (sparse && !by_paper && has_cycles)) analysis = analyse_beside();
+    if (num_threads > 1 && is_asked_for && has_cycles && !by_paper && (by_levels || sparse)) {
+      analysis = analyse_beside();
+      --num_threads;
+    }
     std::optional<Rotations> R;
-    if (by_levels) R = multilevel_init(graph_, options_.iteration.num_threads, keep_going_);
+    if (by_levels) R = multilevel_init(graph_, num_threads, keep_going_);
     used = R ? Initialization::multilevel : Initialization::shortest_path;
     if (!R) R = shortest_path_init(graph_, forest_);
+    if (!keep_going_()) analysis_is_wanted_ = false;
     if (analysis.valid()) analysis.get();
     return *std::move(R);
   }
 
-  /// Begins, where there is another thread, what Newton's steps and the proof will ask for unless
-  /// the graph fills in: the orders of elimination and their analysis. Nobody else may ask for them
+  /// Begins, on a thread of its own, what Newton's steps and the proof will ask for unless the
+  /// graph fills in: the orders of elimination and their analysis. Nobody else may ask for them
   /// before the end of what is returned, which waits.
   std::future<void> analyse_beside() {
-    if (resolve_num_threads(options_.iteration.num_threads, graph_.num_edges()) < 2) return {};
     const double limit = flops_of_sweeps(graph_, filled_sweeps);
     try {
       return std::async(std::launch::async, [this, limit] {
         for (Elimination& elimination : eliminations_) {
-          const bool factors = elimination.likely_flops(1) <= limit;
-          if (factors && elimination.flops(1, limit) <= limit) elimination.symbolic();
+          if (analysis_is_wanted_) elimination.prepare(limit);
         }
       });
     } catch (const std::system_error&) {
@@ -309,6 +314,7 @@ class SolveRun {
   const std::function<bool()> keep_going_;
   int iterations_ = 0;  ///< of all runs
   bool is_first_ = true;
+  std::atomic<bool> analysis_is_wanted_{true};  ///< of those that have not begun
 };
 
 }  // namespace rotavg
