@@ -16,7 +16,7 @@ from rotavg.graph.conventions import Convention
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import RotationReader
 from rotavg.io.lines import BYTE_ORDER_MARK
-from rotavg.io.streams import STDIN, open_input
+from rotavg.io.streams import STDIN, read_all
 
 
 @runtime_checkable
@@ -245,10 +245,7 @@ def read_bytes(formats: Sequence[Format], path: Path, what: str = "a measurement
         hint = "".join(f" ({form.name}: a folder with {form.main_file})" for form in inside)
         raise FileAccessError(f"cannot be read: it is a folder, expected a file{hint}", path=path)
     try:
-        data = _magic_of(formats, path)
-        if not data:
-            with open_input(path) as stream:
-                data = stream.read()
+        data = _magic_of(formats, path) or read_all(path)
     except OSError as error:
         reason = error.strerror or str(error)
         raise FileAccessError(f"cannot be read: {reason}", path=path) from error

@@ -24,6 +24,14 @@ def open_input(path: Path) -> BinaryIO:
     return os.fdopen(os.dup(0), "rb")
 
 
+def read_all(path: Path) -> bytes:
+    """The content of a file, or what is left of standard input; OSError if there is none."""
+    if path != STDIN:
+        return path.read_bytes()
+    with open_input(path) as stream:
+        return stream.read()
+
+
 def write_to_stdout(data: bytes) -> None:
     """Write behind what was printed there; OSError if that cannot be.
 
