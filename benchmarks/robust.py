@@ -16,6 +16,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Callable
@@ -39,20 +40,30 @@ Truth = tuple[NDArray[np.float64], NDArray[np.bool_]]
 Case = tuple[str, rotavg.MeasurementGraph, "Truth | None"]
 
 
-def simulated(nodes: list[int], degrees: list[int], noises: list[float]) -> Iterator[Case]:
-    """The view graphs of the table."""
+def simulated(
+    nodes: list[int], degrees: list[int], noises: list[float], normal: bool
+) -> Iterator[Case]:
+    """The view graphs of the table; `normal`: noise is a normal vector, of that much per axis."""
     for n in nodes:
         for degree in degrees:
             for noise in noises:
+                sigma = float(np.radians(noise))
+                vectors = partial(normal_vectors, sigma)
                 for share in (0.0, 0.1, 0.3, 0.5, 0.7):
                     for clusters in (0, CLUSTERS) if share else (0,):
                         s = rotavg.simulate(
-                            "erdos_renyi", n, density=degree / (n - 1), noise=np.radians(noise),
+                            "erdos_renyi", n, density=degree / (n - 1),
+                            noise=vectors if normal else sigma,
                             outliers=share, outlier_clusters=clusters, seed=1,
                         )  # fmt: skip
                         kind = "" if not share else " coherent" if clusters else " random"
                         name = f"{n} / {degree} / {noise:g} / {100 * share:.0f} %{kind}"
                         yield name, s.graph, (s.ground_truth, np.ones(n, dtype=np.bool_))
+
+
+def normal_vectors(sigma: float, rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """Rotation vectors (count, 3)."""
+    return sigma * rng.normal(size=(count, 3))
 
 
 def photographs(folder: Path) -> Iterator[Case]:
@@ -162,6 +173,7 @@ def print_table(header: list[str], rows: list[list[str]]) -> None:
 @click.option("--nodes", type=int, multiple=True, default=(500, 2000), show_default=True)
 @click.option("--degree", type=int, multiple=True, default=(20, 100), show_default=True)
 @click.option("--noise", type=float, multiple=True, default=(2, 5), show_default=True)
+@click.option("--normal", is_flag=True, help="Noise is a normal vector, of that much per axis.")
 @click.option("--no-peers", is_flag=True, help="rotavg alone.")
 @click.option(
     "--peer-limit", type=float, default=10.0, show_default=True, help="Seconds for a peer's run."
@@ -173,6 +185,7 @@ def main(
     nodes: tuple[int, ...],
     degree: tuple[int, ...],
     noise: tuple[float, ...],
+    normal: bool,
     no_peers: bool,
     peer_limit: float,
     no_simulated: bool,
@@ -182,7 +195,7 @@ def main(
     """Measure, print the tables, keep every figure."""
     names = [*LOSSES, *(() if no_peers else PEERS), "truth"]
     measured: dict[str, dict[str, dict[str, Any]]] = {}
-    cases = [] if no_simulated else list(simulated([*nodes], [*degree], [*noise]))
+    cases = [] if no_simulated else list(simulated([*nodes], [*degree], [*noise], normal))
     real = [] if data is None else list(photographs(data))
     output.parent.mkdir(parents=True, exist_ok=True)
     for name, graph, truth in [*real, *cases]:

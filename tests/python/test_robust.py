@@ -358,4 +358,4 @@ def test_within_a_scale_that_was_given_no_edge_is_an_outlier(loss: Any) -> None:
     assert not solution.is_outlier[half].any()
     noise = rotavg.solve(data.graph, loss=loss).robust
     assert noise is not None
-    assert noise.threshold == pytest.approx(3 * noise.noise)
+    assert 3 * noise.noise <= noise.threshold <= 10 * noise.noise

@@ -12,6 +12,9 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 # more edges, finding how much would take too long.
 _MUCH_CHECKED, _MANY_EDGES = 0.8, 20_000
 _LEAST_REDUNDANCY = 1e-6  # below, rounding is seen
+# Wrong edges leave residuals of any size. Where hardly any is so many times the noise, or so many
+# radians, noise is not the same for all edges, and none is wrong.
+_FAR_NOISES, _FAR, _LEAST_FAR = 5, 0.5, 0.002
 
 
 def contamination(
@@ -21,8 +24,8 @@ def contamination(
 
     That is where more than 2 % of them lie beyond 3 standard deviations, estimated from the median
     as if they were half of a normal distribution (which has 0.3 % there, and rotation noise in all
-    three directions none), or more than 1 % beyond 90 degrees. Angles are compared in units of
-    their 1 / sqrt(weight).
+    three directions none), and some far beyond, where two kinds of noise have nothing; or more than
+    1 % beyond 90 degrees. Angles are compared in units of their 1 / sqrt(weight).
     """
     if len(angles) == 0:
         return None
@@ -65,11 +68,13 @@ def _advice(scaled: NDArray[np.float64], wild: float) -> str | None:
         return None
     noise = max(float(np.median(scaled)) / 0.6745, 1e-6)
     beyond = float(np.mean(scaled > 3 * noise))
-    if beyond <= 0.02 and wild <= 0.01 and 3 * noise <= np.pi:
+    far = float(np.mean(scaled > max(3 * noise, min(_FAR_NOISES * noise, _FAR))))
+    contaminated = beyond > 0.02 and far > _LEAST_FAR
+    if not contaminated and wild <= 0.01 and 3 * noise <= np.pi:
         return None
     if 3 * noise > np.pi:  # no angle of noise; the median is
         found = f"half of them lie beyond {np.degrees(min(np.median(scaled), np.pi)):.2g} deg"
-    elif beyond > 0.02:
+    elif contaminated:
         degrees = np.degrees(noise)
         found = f"{100 * beyond:.2g} % lie beyond 3 times their noise of {degrees:.2g} deg"
     else:

@@ -6,6 +6,7 @@ import numpy as np
 
 from rotavg.solving.certificate import Certificate, Verdict
 from rotavg.solving.contamination import contamination_of
+from rotavg.solving.gravity_weight import heavier_gravity
 from rotavg.solving.printed_robust import (
     doubts_of,
     proof_sentence,
@@ -109,9 +110,19 @@ def _what_holds(solution: Solved) -> Rows:
         rows.append(("components", _gauges(solution.num_components, held)))
     if solution.grounded is not None:
         rows += solution.grounded.rows(solution.rotations, solution.certificate is not None)
+        rows += _gravity(solution)
     if solution.rigs is not None:
         rows.append(("rigs", solution.rigs.sentence))
     return rows
+
+
+def _gravity(solution: Solved) -> Rows:
+    """Whether it should weigh more."""
+    factor = heavier_gravity(solution) if solution.status.converged else None
+    if factor is None:
+        return []
+    told = "it fits far better than its weight says beside the edges"
+    return [("gravity?", f"{told}: try {factor:.2g} times that (--gravity-weight)")]
 
 
 def _gauges(num_components: int, held: bool) -> str:

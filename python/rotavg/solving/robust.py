@@ -58,9 +58,10 @@ class RobustFit(ReadOnly):
         noise: estimated standard deviation of the noise angle of one edge, radians: of one with
             the median weight, where the weights are precisions. Edges that no cycle checks do not
             count, and edges that lie on the same cycles count as one. Never below 1e-4.
-        threshold: edges with larger residuals are outliers: 3 times the noise, and no less than a
-            scale that was given, within which half the weight is left; of "tls" the scale; of "l2"
-            (with a cycle check) pi, as it takes no other edge for an outlier.
+        threshold: edges with larger residuals are outliers: 3 times the noise, up to 10 times
+            where it has heavy tails, and no less than a scale that was given, within which half
+            the weight is left; of "tls" the scale; of "l2" (with a cycle check) pi, as it takes no
+            other edge for an outlier.
         edge_scales: (m,) factors by which scale, noise and threshold of an edge differ from these;
             infinite for trusted edges.
         objective: the robust objective, without edges that were left out; with priors, that of the

@@ -44,8 +44,9 @@ struct RobustSolution : Solution {
   double noise = 0.0;  ///< estimated standard deviation of the noise angle, radians; from 1e-4 on
   /// False where it would be half a radian or more: too few edges agree to tell it from errors.
   bool noise_shows = true;
-  /// Of outliers, radians: 3 times the noise, and no less than a scale within which at least half
-  /// of the weight is left; of Loss::tls the scale; pi with Loss::l2, which has none.
+  /// Of outliers, radians (thresholds.hpp): 3 times the noise, up to 10 times where it has heavy
+  /// tails, and no less than a scale within which at least half of the weight is left; of Loss::tls
+  /// the scale; pi with Loss::l2, which has none.
   double threshold = 0.0;
   double robust_objective = 0.0;     ///< 2 sum w rho(r^2), with priors before they are met
   std::vector<double> edge_weights;  ///< (m,) given weight times robust weight
@@ -64,7 +65,7 @@ struct RobustSolution : Solution {
 
 /// Finds rotations that fit most measurements, whatever the others say, and what it thinks of each.
 ///
-/// Bridges, which no cycle checks, are left aside until step 6, and met exactly; edges that are
+/// Bridges, which no cycle checks, are left aside until step 7, and met exactly; edges that are
 /// left out, until then too.
 ///
 /// 1. Least squares, roughly, and from there the loss l1: robust and nearly convex, so that the
@@ -79,7 +80,8 @@ struct RobustSolution : Solution {
 ///    its last scale: its objective never rises.
 /// 5. Where many strong edges contradict, the loss automatic compares what it has found with where
 ///    other starts lead (find_stories), and goes on from there if they speak for it.
-/// 6. The weights are held, and the weighted problem is solved and certified. What is proved is
+/// 6. Where the noise is normal it goes on with a blunt loss (settle_on_normal_noise).
+/// 7. The weights are held, and the weighted problem is solved and certified. What is proved is
 ///    that no rotations have a smaller weighted sum of squares, not that no others have a smaller
 ///    robust objective or better weights.
 ///

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <limits>
 #include <optional>
 #include <sstream>
 #include <stdexcept>
@@ -28,6 +27,8 @@
 #include <rotavg/robust/settling.hpp>
 #include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/robust/stories.hpp>
+#include <rotavg/robust/tails.hpp>
+#include <rotavg/robust/thresholds.hpp>
 #include <rotavg/solve/solve.hpp>
 #include <rotavg/solve/stopwatch.hpp>
 
@@ -149,22 +150,6 @@ inline void check(const RobustOptions& robust, const MeasurementGraph& graph) {
   robust.known.check(graph);
 }
 
-/// From where on a residual is that of an outlier, radians.
-struct Thresholds {
-  double told = pi;                                           ///< RobustSolution::threshold
-  double doubtful = std::numeric_limits<double>::infinity();  ///< of the verdicts
-};
-
-inline Thresholds thresholds(const RobustLoss& loss, double noise) {
-  if (loss.kind == Loss::l2) return {};  // believes everything
-  double threshold = loss.kind == Loss::tls ? loss.scale : outlier_noises * noise;
-  // Within a scale that was given, which may be far beyond the noise, most of an edge's weight is
-  // left.
-  constexpr double most = 0.5;
-  if (loss.weight(loss.scale * loss.scale) >= most) threshold = std::max(threshold, loss.scale);
-  return {threshold, threshold};
-}
-
 }  // namespace detail
 
 ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
@@ -248,9 +233,15 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
                                   detail::most_reweightings);
     }
   }
-  const double reweighting_seconds = run.seconds() - prepared;
 
   // 6.
+  const int space = turns_about_one_axis(part.graph()) ? 1 : 3;
+  if (robust.loss == Loss::automatic && robust.scale == 0.0 && go_on()) {
+    settle_on_normal_noise(run, space, noise, loss, reweighted);
+  }
+  const double reweighting_seconds = run.seconds() - prepared;
+
+  // 7.
   Rotations R = part.extended(reweighted.rotations);
   const auto residuals_now = [&] { return squared_residuals(graph, R, run.num_threads()); };
   std::vector<double> x = residuals_now(), weights;
@@ -292,7 +283,8 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   solution.edge_weights = std::move(weights);
   solution.robust_objective =
       robust_objective(counted, x, loss, units.precision, run.num_threads());
-  const detail::Thresholds threshold = detail::thresholds(loss, noise);
+  const Thresholds threshold =
+      thresholds(loss, noise, run.series_residuals_at(part.of_nodes(R)), space);
   solution.threshold = threshold.told;
   solution.verdicts = edge_verdicts(graph, part.series(), x, units.precision, threshold.doubtful,
                                     robust.known, refuted);
