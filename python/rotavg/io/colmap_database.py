@@ -24,7 +24,7 @@ from rotavg.io.colmap_covariances import PairPose, covariances_of_pairs
 from rotavg.io.colmap_poses import poses_of_pairs
 from rotavg.io.colmap_priors import count_gravity, rigs_in
 from rotavg.io.colmap_sqlite import doubles, opened, pair_of
-from rotavg.io.registry import Format, ReadOptions, blame_line
+from rotavg.io.registry import Format, ReadOptions, blame_line, how_used
 from rotavg.io.rounding import is_unit
 from rotavg.priors.priors import Rigs
 
@@ -55,6 +55,13 @@ class ColmapImages:
     camera_ids: dict[str, int]
     configurations: NDArray[np.int64]
     rigs: Rigs | None = None
+
+    @property
+    def knows(self) -> str:
+        """What the database knows beside the measurements; "" for nothing."""
+        if self.rigs is None:
+            return ""
+        return f"rigs of {len({frame for frame, _ in self.rigs.images.values()})} frames"
 
     def select(self, edges: NDArray[np.bool_]) -> ColmapImages:
         """The source of the graph that keeps the edges (m,) marked True."""
@@ -92,9 +99,12 @@ def read_database(path: Path, data: bytes, options: ReadOptions) -> MeasurementG
     if guessed:
         notes += (f"{guessed} pairs whose inliers do not tell a covariance got a usual one",)
     if rigs is not None:
-        notes += (_note_of_rigs(rigs),)
+        notes += (f"{_note_of_rigs(rigs)}{how_used(path)}",)
     if gravity:
-        notes += (f"{gravity} images have gravity, which --gravity takes from the database",)
+        notes += (
+            f"{gravity} images have gravity, which --gravity takes from the database, in Python "
+            f"rotavg.read_priors({str(path)!r}, graph, gravity=True)",
+        )
     if not used:
         raise FormatError(_nothing(len(rows), skipped, notes), path=path)
     with blame_line(path):

@@ -200,6 +200,14 @@ def by_suffix(formats: Sequence[Format], path: Path, *, to_write: bool = False) 
     raise FormatError(f"{told} does not tell the format, {expected(formats, to_write)}", path=path)
 
 
+def how_used(path: Path) -> str:
+    """What a note of prior knowledge in a file of measurements ends with."""
+    return (
+        "; `rotavg solve` uses them by itself, in Python "
+        f"rotavg.solve(graph, priors=rotavg.read_priors({str(path)!r}, graph))"
+    )
+
+
 def why_not_read(form: Format) -> str:
     """Of a format that graphs are not read from, after its name."""
     return "holds rotations alone (rotavg compare, read_rotations)" if form.rotations else (

@@ -74,9 +74,15 @@ def rigs_of(graph: MeasurementGraph) -> Rigs | None:
 
     None where no edge would be left between two frames, or there are no rigs.
     """
-    if not isinstance(graph.source, ColmapImages) or graph.source.rigs is None:
+    source = graph.source
+    return joining_frames(source.rigs if isinstance(source, ColmapImages) else None, graph)
+
+
+def joining_frames(rigs: Rigs | None, graph: MeasurementGraph) -> Rigs | None:
+    """The same of any rigs."""
+    if rigs is None:
         return None
-    rigs = restricted(graph.source.rigs, graph)
+    rigs = restricted(rigs, graph)
     frame = [rigs.images.get(node, (None, node))[0] for node in graph.nodes.tolist()]
     own = [(k,) if f is None else f for k, f in enumerate(frame)]
     between = any(own[i] != own[j] for i, j in graph.indices.tolist())

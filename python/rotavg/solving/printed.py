@@ -109,6 +109,8 @@ def _what_holds(solution: Solved) -> Rows:
         rows.append(("components", _gauges(solution.num_components, held)))
     if solution.grounded is not None:
         rows += solution.grounded.rows(solution.rotations, solution.certificate is not None)
+    elif solution.rigs is None and (knows := getattr(solution.graph.source, "knows", "")):
+        rows.append(("not used", f"{knows}, which the graph's file has (rotavg.read_priors)"))
     if solution.rigs is not None:
         rows.append(("rigs", solution.rigs.sentence))
     return rows
