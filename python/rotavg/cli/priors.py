@@ -17,12 +17,12 @@ from rotavg.io.of_graph import ids_like, of_graph
 from rotavg.io.priors import fixed_of
 from rotavg.io.rigs import rigs_of
 
-_OPTIONS = (
+_NODES = (
     click.option(
         "--fixed",
         "fixed_path",
         type=options.INPUT,
-        help="Hold the rotations in this file, any that `rotavg compare` reads.",
+        help="Hold the rotations in this file or model, any that `rotavg compare` reads.",
     ),
     click.option(
         "--fixed-convention",
@@ -44,12 +44,6 @@ _OPTIONS = (
         "[default: the edges' median]",
     ),
     click.option(
-        "--headings",
-        is_flag=True,
-        help="Hold gravity exactly and solve for headings only; --gravity must cover every node "
-        "(with calibrated rigs, every frame).",
-    ),
-    click.option(
         "--rigs",
         "rigs_path",
         type=options.INPUT,
@@ -58,18 +52,24 @@ _OPTIONS = (
     ),
     click.option("--no-rigs", is_flag=True, help="Leave the rigs of a COLMAP database aside."),
 )
+_HEADINGS = click.option(
+    "--headings",
+    is_flag=True,
+    help="Hold gravity exactly and solve for headings only; --gravity must cover every node "
+    "(with calibrated rigs, every frame).",
+)
 
 
 @dataclass(frozen=True)
 class KnownNodes:
     """The options about what is known of nodes, by their names."""
 
-    fixed_path: Path | None
-    fixed_convention: Convention | None
-    gravity_path: Path | None
-    gravity_weight: float | None
-    rigs_path: Path | None
-    no_rigs: bool
+    fixed_path: Path | None = None
+    fixed_convention: Convention | None = None
+    gravity_path: Path | None = None
+    gravity_weight: float | None = None
+    rigs_path: Path | None = None
+    no_rigs: bool = False
 
     @property
     def paths(self) -> tuple[Path | None, ...]:
@@ -79,7 +79,12 @@ class KnownNodes:
 
 def prior_options(command: Any) -> Any:
     """The options about what is known of nodes."""
-    for option in reversed(_OPTIONS):
+    return known_node_options(_HEADINGS(command))
+
+
+def known_node_options(command: Any) -> Any:
+    """Those of `KnownNodes`, which name the files."""
+    for option in reversed(_NODES):
         command = option(command)
     return command
 
