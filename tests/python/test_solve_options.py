@@ -134,6 +134,7 @@ def test_the_paper_rule_stops_earlier_on_a_badly_conditioned_graph() -> None:
         ({"mu": "large"}, "unknown mu 'large'"),
         ({"method": None}, "method is None; expected a word"),
         ({"loss": None}, "loss is None; expected a word"),
+        ({"loss": np.exp}, r"loss is a function; expected the name of a loss \(one of your own"),
         ({"stop": 1}, "stop is 1; expected a word"),
         ({"mu": 0.5}, "mu is 0.5; expected a word"),
         ({"callback": 3}, "callback is 3; expected a function or None"),
