@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING, Any
 
 from rotavg._core import Progress, __version__
 from rotavg.base.errors import (
+    ArgumentTypeError,
     Error,
     FileAccessError,
     FormatError,
@@ -126,6 +127,7 @@ def __dir__() -> list[str]:
 
 
 __all__ = [
+    "ArgumentTypeError",
     "Certificate",
     "Comparison",
     "ComponentCertificate",

@@ -223,7 +223,7 @@ def test_ground_truth_of_an_archive(tmp_path: Path, answer: rotavg.Solution) -> 
     assert read_rotations(path)[0].tolist() == [f"n{k}" for k in range(12)]
 
     for arrays, message in (
-        ({"ground_truth": R[:11], **graph}, r"ground_truth have shape \(11, 3, 3\)"),
+        ({"ground_truth": R[:11], **graph}, r"ground_truth has shape \(11, 3, 3\)"),
         ({"ground_truth": R, "has_ground_truth": known[:3]}, "expected a bool for each of 12"),
         ({"ground_truth": R, "has_ground_truth": known + 0}, "has_ground_truth is int64 of shape"),
         ({"ground_truth": R, "nodes": [1] * 12}, "node 1 is listed more than once"),

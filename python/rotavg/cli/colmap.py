@@ -26,6 +26,7 @@ from rotavg.cli.priors import (
 )
 from rotavg.colmap.draw import save_picture
 from rotavg.colmap.mapper import Reconstruction, check_new_folder, reconstruct
+from rotavg.solving.kept import median_high_largest
 from rotavg.solving.printed import verdict_sentence
 
 
@@ -143,10 +144,11 @@ def _summary(found: Reconstruction) -> dict[str, Any]:
 
 def _rows(found: Reconstruction) -> list[tuple[str, str]]:
     solution = found.solution
-    degrees = np.degrees(solution.residual_angles)
+    median, _, largest = median_high_largest(solution)
+    kept = "" if solution.robust is None else " (of the edges it kept)"
     rows = [
         ("rotations", f"{solution.graph.num_nodes}, from {solution.graph.num_edges} pairs"),
-        ("residuals", f"median {np.median(degrees):.3g} deg, largest {degrees.max():.3g}"),
+        ("residuals", f"median {median:.3g} deg, largest {largest:.3g}{kept}"),
         ("left out", f"{found.dropped} pairs that contradict them"),
     ]
     if solution.certificate is not None:

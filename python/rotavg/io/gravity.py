@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg.base.arrays import as_floats
-from rotavg.base.errors import FormatError, IncompleteWarning
+from rotavg.base.errors import FormatError, IncompleteWarning, expect
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io import atomic, registry
 from rotavg.io.colmap_database import COLMAP_DATABASE
@@ -63,6 +63,7 @@ def read_gravity(
     names, vectors = _read(path)
     if graph is None:
         return names, vectors
+    expect(graph, MeasurementGraph)
     downs, note = of_graph(path, ids_like(graph, names), vectors, graph)
     if note:
         warnings.warn(note, IncompleteWarning, stacklevel=2)

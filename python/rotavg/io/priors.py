@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from rotavg.base.errors import FormatError, OptionError
+from rotavg.base.errors import FormatError, OptionError, expect
 from rotavg.graph.ids import rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.colmap_database import COLMAP_DATABASE
@@ -46,6 +46,7 @@ def read_priors(
         OptionError: a weight of gravity, and none is asked for.
     """
     path = Path(path)
+    expect(graph, MeasurementGraph)
     if gravity_weight is not None and not gravity:
         raise OptionError("gravity_weight is given; expected gravity=True with it")
     data = read_bytes((COLMAP_DATABASE,), path)

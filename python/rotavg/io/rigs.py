@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.base.errors import FormatError, GraphError, IncompleteWarning
+from rotavg.base.errors import FormatError, GraphError, IncompleteWarning, expect
 from rotavg.graph.conventions import convert_family, matrices_from_quaternions
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io import json_data
@@ -58,6 +58,7 @@ def read_rigs(path: str | os.PathLike[str], graph: MeasurementGraph) -> Rigs:
         FormatError: it holds something else; the message names the line, or the rig and camera.
     """
     path = Path(path)
+    expect(graph, MeasurementGraph)
     data = read_bytes((COLMAP_DATABASE,), path, "rigs")
     if COLMAP_DATABASE.recognises(data):
         found = read_rigs_of(path)

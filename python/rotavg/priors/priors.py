@@ -9,6 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from rotavg.base.arrays import Brief
+from rotavg.base.errors import expect
 from rotavg.priors.checks import check_fixed, check_rigs
 
 
@@ -76,3 +77,8 @@ class Priors(Brief):
     def hold_world(self) -> bool:
         """Whether there is something that the world is held by."""
         return bool(self.fixed or self.absolute or self.gravity)
+
+
+def check_priors(priors: Any) -> None:
+    """ArgumentTypeError where these are no Priors."""
+    expect(priors, Priors, ": rotavg.Priors(fixed=..., gravity=..., rigs=...)")

@@ -6,6 +6,7 @@ import numpy as np
 
 from rotavg.solving.certificate import Certificate, Verdict
 from rotavg.solving.contamination import contamination_of
+from rotavg.solving.kept import median_high_largest
 from rotavg.solving.printed_robust import (
     doubts_of,
     proof_sentence,
@@ -87,14 +88,14 @@ def of_what(solution: Solved) -> str:
 
 
 def _figures(solution: Solved) -> Rows:
-    degrees = np.degrees(solution.residual_angles)
-    median, high = np.percentile(degrees, [50, 95])
+    median, high, largest = median_high_largest(solution)
+    kept = "" if solution.robust is None else " (of the edges it kept)"
     start = f"{solution.init}, {solution.iterations} iterations"
     return [
         ("objective", f"{solution.objective:.12g}{OF_COVARIANCES[solution.anisotropic]}"),
         (
             "residuals",
-            f"median {median:.3g} deg, 95 % below {high:.3g}, largest {degrees.max():.3g}",
+            f"median {median:.3g} deg, 95 % below {high:.3g}, largest {largest:.3g}{kept}",
         ),
         ("gradient", f"{solution.gradient_norm:.2g}, relative {solution.relative_gradient:.2g}"),
         ("method", f"{solution.reason or solution.method}; from {start}"),
