@@ -12,6 +12,7 @@ radians, quaternions xyzw.
 
     MeasurementGraph    the measurements; from arrays, SciPy, NetworkX, pandas
     read, write         files of many formats; read_rotations, write_edges, write_covariances
+    read_priors         what they know beside the measurements: rigs, gravity; read_rigs
     solve               the rotations: a Solution, with a Certificate
     certify             the certificate of rotations from elsewhere
     Online              the same while edges come and go
@@ -31,6 +32,7 @@ from typing import TYPE_CHECKING, Any
 
 from rotavg._core import Progress, __version__
 from rotavg.base.errors import (
+    ArgumentTypeError,
     Error,
     FileAccessError,
     FormatError,
@@ -67,6 +69,7 @@ if TYPE_CHECKING:
     from rotavg.evaluation.readings import SuggestedReading, suggest_reading
     from rotavg.io import (
         read,
+        read_priors,
         read_rigs,
         read_rotations,
         write,
@@ -89,6 +92,7 @@ _AT_FIRST_USE = {
     "SuggestedReading": "rotavg.evaluation.readings",
     "suggest_reading": "rotavg.evaluation.readings",
     "read": "rotavg.io",
+    "read_priors": "rotavg.io",
     "read_rigs": "rotavg.io",
     "read_rotations": "rotavg.io",
     "write": "rotavg.io",
@@ -123,6 +127,7 @@ def __dir__() -> list[str]:
 
 
 __all__ = [
+    "ArgumentTypeError",
     "Certificate",
     "Comparison",
     "ComponentCertificate",
@@ -173,6 +178,7 @@ __all__ = [
     "objective",
     "positions",
     "read",
+    "read_priors",
     "read_rigs",
     "read_rotations",
     "refine_poses",

@@ -14,6 +14,7 @@
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/run.hpp>
 #include <rotavg/robust/solve_robust.hpp>
+#include <rotavg/robust/without_outliers.hpp>
 #include <rotavg/solve/solve.hpp>
 
 #include "support/graphs.hpp"
@@ -269,4 +270,40 @@ TEST_CASE("weights at the bounds of what is legal are reweighted") {
     residuals.update(to_quaternions(random.rotations(6)), {Loss::tls, 3.0});
     CHECK_NOTHROW(graph.set_weights(residuals.weights()));
   }
+}
+
+TEST_CASE("the graph without outliers has the others as they were, and all nodes") {
+  Random random;
+  INFO(random.replay());
+  const Rotations truth = random.rotations(20);
+  std::vector<RelativeRotation> measurements;
+  std::vector<NodeId> nodes;
+  for (Index i = 0; i < 20; ++i) nodes.push_back(100 - 3 * i);
+  for (const auto& [i, j] : test::random_connected(random, 20, 90)) {
+    measurements.push_back(
+        {nodes[i], nodes[j], truth[i].transpose() * truth[j], 1.0 + random.below(5)});
+  }
+  const MeasurementGraph graph(measurements, nodes);
+  EdgeVerdicts verdicts;
+  std::vector<RelativeRotation> kept;
+  for (const RelativeRotation& m : measurements) {
+    verdicts.edges.push_back(static_cast<EdgeVerdict>(random.below(7)));
+    if (verdicts.edges.back() < EdgeVerdict::robust_weight) kept.push_back(m);
+  }
+  REQUIRE(!kept.empty());
+  const MeasurementGraph expected(kept, nodes), found = without_outliers(graph, verdicts);
+  CHECK(found.nodes() == nodes);
+  REQUIRE(found.num_edges() == expected.num_edges());
+  for (Index k = 0; k < found.num_edges(); ++k) {
+    const QuaternionEdge &a = found.quaternion_edges()[k], &b = expected.quaternion_edges()[k];
+    CHECK(a.i == b.i);
+    CHECK(a.j == b.j);
+    CHECK(found.weights()[k] == expected.weights()[k]);
+    CHECK((a.i_from_j.coeffs() - b.i_from_j.coeffs()).norm() < 1e-14);
+  }
+  CHECK(solve(found).objective < 1e-20);
+  verdicts.edges.assign(measurements.size(), EdgeVerdict::excluded);
+  CHECK_THROWS_AS(without_outliers(graph, verdicts), std::invalid_argument);
+  verdicts.edges.pop_back();
+  CHECK_THROWS_AS(without_outliers(graph, verdicts), std::invalid_argument);
 }

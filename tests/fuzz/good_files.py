@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
+import struct
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -37,6 +38,8 @@ def good_files(folder: Path) -> dict[str, list[Path]]:
             is_solution = kind == "s"
             if form.write is None or not (form.has_solutions if is_solution else form.has_graphs):
                 continue
+            if form.name == "colmap_model":
+                continue  # it is made of a database, and read as images.txt
             path = folder / form.name / kind / name.lower()
             if form.main_file:
                 path = path.parent / form.main_file
@@ -87,6 +90,14 @@ def _database(path: Path) -> None:
     connection.close()
 
 
+def _images(path: Path) -> None:
+    content = struct.pack("<Q", 3)
+    for k in range(1, 4):
+        content += struct.pack("<I7dI", k, 0.6, 0.0, 0.8, 0.0, 1.0, 2.0, 3.0, 1) + b"im%d.jpg\0" % k
+        content += struct.pack("<Q", k) + struct.pack("<2dQ", 1.0, 2.0, 7) * k
+    path.write_bytes(content)
+
+
 _POSE3 = '{"type": "Pose3", "translation": [1, 2, 3], "rotation": [1, 0, 0, 0]}'
 _COVARIANCE = json.dumps(np.eye(6).ravel().tolist())
 _BY_HAND: dict[str, Callable[[Path], Any]] = {
@@ -123,4 +134,5 @@ _BY_HAND: dict[str, Callable[[Path], Any]] = {
     ),
     "tum": text("# timestamp x y z qx qy qz qw\n0.5 1 2 3 0 0 0 1\n1.5 1 2 3 0 0 0.6 0.8\n"),
     "colmap": _database,
+    "colmap_binary": _images,
 }

@@ -40,8 +40,8 @@ def writers() -> Iterator[Writer]:
     for form in FORMATS:
         for item in (graph, solution):
             held = form.has_graphs if item is graph else form.has_solutions
-            if form.write is None or not held:
-                continue
+            if form.write is None or not held or form.name == "colmap_model":
+                continue  # (which writes to a folder of its own alone)
             usual = form.suffixes[0] if form.suffixes else ".dat"
             file = form.main_file or (f"new{usual}" if usual.startswith(".") else usual)
             name = form.name

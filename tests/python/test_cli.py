@@ -237,6 +237,23 @@ def test_the_noise_that_info_estimates_is_the_noise_that_was_simulated(tmp_path:
     assert rotavg.hardness(graph).noise == pytest.approx(0.05, rel=0.35)
 
 
+@pytest.mark.parametrize(
+    ("kind", "n", "density"), [("complete", 30, 1.0), ("erdos_renyi", 400, 0.05), ("grid", 343, 0)]
+)
+def test_wrong_edges_are_no_noise(kind: str, n: int, density: float) -> None:
+    for seed in range(3):
+        for noise in (0.01, 0.1):
+            options = {"noise": noise, "seed": seed} | ({"density": density} if density else {})
+            clean = rotavg.hardness(rotavg.simulate(kind, n, **options).graph)
+            usual = np.median(clean.cycle_angles / np.sqrt(clean.cycle_lengths))
+            assert clean.noise == pytest.approx(usual, rel=0.02), seed
+            for wrong in (0.1, 0.25, 0.4):
+                graph = rotavg.simulate(kind, n, outliers=wrong, **options).graph
+                assert rotavg.hardness(graph).noise == pytest.approx(usual, rel=0.35), seed
+    exact = rotavg.hardness(rotavg.simulate(kind, n, outliers=0.25, seed=1).graph)
+    assert exact.noise < 1e-9
+
+
 def test_simulate_is_reproducible_and_convert_keeps_the_graph(tmp_path: Path) -> None:
     for name in ("a.txt", "b.txt"):
         done = run(

@@ -139,7 +139,8 @@ def test_rotations_that_irotavg_holds_fixed(tmp_path: Path) -> None:
         edges.append(row(f"{nodes[i]} {nodes[j]}", q))
     path = put(tmp_path, "g.irotavg", "4 4 2", *edges, *(row(q) for q in wxyz))
     graph = read(path)
-    assert graph.notes == ("2 absolute rotations that are not fixed not read",)
+    assert graph.notes[0] == "2 absolute rotations that are not fixed not read"
+    assert graph.notes[1].startswith("2 rotations held fixed; `rotavg solve` uses them by itself")
     ids, held = read_rotations(path)
     assert ids.tolist() == [2, 5]
     np.testing.assert_allclose(held, truth[:2], atol=1e-14)
@@ -147,8 +148,11 @@ def test_rotations_that_irotavg_holds_fixed(tmp_path: Path) -> None:
     assert "2 rotations held fixed, as the graph's file says" in told
     np.testing.assert_allclose(read_rotations(tmp_path / "s.npz")[1], truth, atol=1e-8)
     fixed = dict(zip(ids.tolist(), held))
-    solved = rotavg.solve(graph, priors=rotavg.Priors(fixed=fixed))
-    np.testing.assert_allclose(solved.rotations, truth, atol=1e-8)
+    for priors in (rotavg.Priors(fixed=fixed), rotavg.read_priors(path, graph)):
+        solved = rotavg.solve(graph, priors=priors)
+        np.testing.assert_allclose(solved.rotations, truth, atol=1e-8)
+        assert "not used" not in str(solved)
+    assert "not used    2 rotations held fixed, which the" in str(rotavg.solve(graph))
     # Those held stay bit by bit, whatever is measured.
     rest = [row(q) for q in wxyz]
     put(tmp_path, "h.irotavg", "4 4 2", *edges[:-1], "2 11 1 0 0 0", *rest)

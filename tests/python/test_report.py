@@ -227,7 +227,9 @@ def test_the_robust_section_tells_what_became_of_the_edges() -> None:
         assert cells[cells.index(verdict) + 1] == str(count)  # the table of verdicts comes first
     said = " ".join(text.of("p"))
     assert "that is proved of no robust loss" in said
-    assert "Proved, for the final weights of the edges: no other rotations" in said
+    assert (
+        "Proved, for the least squares on the edges it kept: no other rotations fit these" in said
+    )
     assert "1 part of the graph is held by outliers alone" in said
     drawn = figures(page)["weights"]["data"]
     told = [verdict for verdict in VERDICTS if (solution.edge_verdicts == verdict).any()]

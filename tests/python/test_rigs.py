@@ -194,7 +194,7 @@ def test_what_cannot_be_is_refused() -> None:
         ("node 'b' is the second of its sensor", {"a": (0, "l"), "b": (0, "l")}, {}),
         ("'left' is not a rotation: R\\^T R differs", scene.images, {"left": 2 * np.eye(3)}),
         ("'left' is not a rotation: its determinant is -1", scene.images, {"left": -np.eye(3)}),
-        ("'left' have shape", scene.images, {"left": np.eye(2)}),
+        ("'left' has shape", scene.images, {"left": np.eye(2)}),
         (r"no image has a sensor whose rotation is given \('Left'\); there are 'left', 'middle'",
          scene.images, {"Left": np.eye(3)}),
     ):  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,11 @@ import pytest
 
 import rotavg
 from rotavg.graph.conventions import matrices_from_rotvecs
+from rotavg.report.verdict import statement
 from rotavg.solving.contamination import contamination
 from rotavg.solving.robust import Loss
 from shared_data import shared_data
+from test_cli import run
 
 LOSSES = ("auto", "huber", "l1", "l_half", "cauchy", "geman_mcclure", "tls")
 
@@ -359,3 +362,26 @@ def test_within_a_scale_that_was_given_no_edge_is_an_outlier(loss: Any) -> None:
     noise = rotavg.solve(data.graph, loss=loss).robust
     assert noise is not None
     assert 3 * noise.noise <= noise.threshold <= 10 * noise.noise
+
+
+def test_residuals_are_told_of_the_kept_edges(tmp_path: Path) -> None:
+    graph = rotavg.simulate("erdos_renyi", 60, density=0.3, noise=0.02, outliers=0.4, seed=3).graph
+    rotavg.write(tmp_path / "g.csv", graph)
+    solution = rotavg.solve(graph, loss="auto")
+    kept = np.degrees(solution.residual_angles[~solution.is_outlier])
+    assert kept.max() < 6 < 90 < np.degrees(np.percentile(solution.residual_angles, 95))
+    figures = f"median {np.median(kept):.3g} deg, 95 % below {np.percentile(kept, 95):.3g}, "
+    assert f"{figures}largest {kept.max():.3g} (of the edges it kept)" in str(solution)
+    done = run("solve", tmp_path / "g.csv", "--loss", "auto", "--json")
+    told = json.loads(done.stdout)["residuals"]
+    assert told["edges"] == len(kept)
+    assert told["largest_deg"] == pytest.approx(kept.max(), rel=1e-6)
+    assert told["median_deg"] == pytest.approx(np.median(kept), rel=1e-6)
+    headline = statement(solution).headline
+    assert headline.startswith("Proved, for the least squares on the edges it kept: no other")
+    assert f"{solution.is_outlier.sum()} of {graph.num_edges} edges rejected" in headline
+    assert "these measurements" not in headline
+    plain = rotavg.solve(graph)
+    assert "it kept" not in str(plain)
+    assert statement(plain).headline == "Proved: no other rotations fit these measurements better."
+    assert f"largest {np.degrees(plain.residual_angles.max()):.3g}" in str(plain)

@@ -134,6 +134,7 @@ def test_the_paper_rule_stops_earlier_on_a_badly_conditioned_graph() -> None:
         ({"mu": "large"}, "unknown mu 'large'"),
         ({"method": None}, "method is None; expected a word"),
         ({"loss": None}, "loss is None; expected a word"),
+        ({"loss": np.exp}, r"loss is a function; expected the name of a loss \(one of your own"),
         ({"stop": 1}, "stop is 1; expected a word"),
         ({"mu": 0.5}, "mu is 0.5; expected a word"),
         ({"callback": 3}, "callback is 3; expected a function or None"),
@@ -156,7 +157,7 @@ def test_options_that_do_not_exist_are_named(options: dict[str, object], message
 def test_initial_rotations_are_checked() -> None:
     graph = rotavg.simulate("cycle", 5).graph
     R = np.tile(np.eye(3), (5, 1, 1))
-    with pytest.raises(rotavg.GraphError, match=r"init have shape \(4, 3, 3\)"):
+    with pytest.raises(rotavg.GraphError, match=r"init has shape \(4, 3, 3\)"):
         rotavg.solve(graph, init=R[:4])
     R[3, 0, 0] = -1
     with pytest.raises(rotavg.GraphError, match=r"node 3 is not a rotation.*determinant is -1"):

@@ -25,6 +25,7 @@
 #include <rotavg/robust/solve_rigs.hpp>
 #include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/robust/solve_robust_with_priors.hpp>
+#include <rotavg/robust/without_outliers.hpp>
 #include <rotavg/so3/lie.hpp>
 #include <rotavg/so3/nearest.hpp>
 #include <rotavg/solve/anisotropic.hpp>

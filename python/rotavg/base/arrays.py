@@ -66,16 +66,18 @@ def as_floats(
     Where matrices (..., 3, 3) are expected, SciPy's `Rotation` is understood, and a list of these.
     Without `copy`, an array that is in order is handed on as it is.
     """
+    many = what.split(" of ")[0].endswith("s")  # the entries of ..., not the rotation of ...
+    be, have = ("are", "have") if many else ("is", "has")
     try:
         if np.ma.is_masked(values):
-            raise GraphError(f"{what} are masked in part, expected numbers everywhere")
+            raise GraphError(f"{what} {be} masked in part, expected numbers everywhere")
         if shape[-2:] == (3, 3) and hasattr(values, "as_matrix"):
             values = values.as_matrix()
         elif shape[-2:] == (3, 3) and isinstance(values, (list, tuple)):
             values = [v.as_matrix() if hasattr(v, "as_matrix") else v for v in values]
         array = np.array(values, order="C") if copy else np.asarray(values, order="C")
         if array.dtype.kind == "c":
-            raise GraphError(f"{what} are complex, expected real numbers")
+            raise GraphError(f"{what} {be} complex, expected real numbers")
         array = array.astype(np.float64, copy=False)
     except (TypeError, ValueError) as error:
         if isinstance(error, GraphError):
@@ -84,9 +86,9 @@ def as_floats(
         reason = re.sub(r"np\.\w+\(([^()]*)\)", r"\1", str(error))
         if "inhomogeneous" in reason:
             reason = "its entries differ in shape"
-        raise GraphError(f"{what} are not an array of numbers: {reason}") from error
+        raise GraphError(f"{what} {be} not an array of numbers: {reason}") from error
     if array.shape != shape:
-        raise GraphError(f"{what} have shape {array.shape}, expected {shape}")
+        raise GraphError(f"{what} {have} shape {array.shape}, expected {shape}")
     return array
 
 

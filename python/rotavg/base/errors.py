@@ -23,6 +23,10 @@ class GraphError(Error, ValueError):
         self.edge = edge
 
 
+class ArgumentTypeError(GraphError, TypeError):
+    """An argument is of another type than was expected."""
+
+
 class UnknownNodeError(GraphError, KeyError):
     """A graph has no node of this id."""
 
@@ -71,6 +75,14 @@ class IncompleteWarning(UserWarning):
 
     Or rotations were read, and some in the file had to be mended.
     """
+
+
+def expect(value: Any, kind: type, hint: str = "") -> None:
+    """ArgumentTypeError where `value` is not of this kind."""
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        expected = f"expected {article} {kind.__name__}{hint}"
+        raise ArgumentTypeError(f"found a {type(value).__name__}, {expected}")
 
 
 def require(module: str, extra: str) -> Any:

@@ -14,10 +14,19 @@ import rotavg
 from rotavg.base.errors import require
 from rotavg.cli import options
 from rotavg.cli.command import Command, Count
-from rotavg.cli.options import number
+from rotavg.cli.losses import loss_options, radians_of
+from rotavg.cli.options import number, taken
 from rotavg.cli.output import print_json, print_table
+from rotavg.cli.priors import (
+    KnownNodes,
+    check_prior_options,
+    known_node_options,
+    read_priors,
+    with_doubts,
+)
 from rotavg.colmap.draw import save_picture
 from rotavg.colmap.mapper import Reconstruction, check_new_folder, reconstruct
+from rotavg.solving.kept import median_high_largest
 from rotavg.solving.printed import verdict_sentence
 
 
@@ -26,12 +35,17 @@ from rotavg.solving.printed import verdict_sentence
     short_help="Reconstruct a scene with COLMAP's global mapper.",
     groups={
         "Output": ("output", "picture", "as_json"),
-        "Method": ("max_residual", "anisotropic", "seed", "threads"),
+        "Method": ("loss", "loss_scale", "max_residual", "anisotropic", "seed", "threads"),
+        "Prior knowledge": (
+            *("fixed_path", "fixed_convention", "gravity_path", "gravity_weight"),
+            *("rigs_path", "no_rigs"),
+        ),
     },
 )
 @click.argument("database", type=options.PATH)
 @click.argument("images", type=options.PATH)
 @click.option("-o", "--output", type=options.PATH, required=True, help="A folder, to be made.")
+@loss_options("auto")
 @number("--max-residual", click.FloatRange(0, 180), 10.0, "Leave out pairs off by more, degrees.")
 @number("--seed", Count(), 0, "Of the mapper's random start.")
 @click.option(
@@ -45,6 +59,7 @@ from rotavg.solving.printed import verdict_sentence
     metavar="N",
     help="Number of threads.  [default: all]",
 )
+@known_node_options
 @click.option("--picture", is_flag=True, help="Also draw points and cameras: OUTPUT/picture.png.")
 @options.as_json
 def colmap(
@@ -55,6 +70,7 @@ def colmap(
     threads: int | None,
     picture: bool,
     as_json: bool,
+    loss_scale: str,
     **settings: Any,
 ) -> int:
     """Reconstruct a scene: rotations by rotavg, positions and points by COLMAP's global mapper.
@@ -68,10 +84,21 @@ def colmap(
     Examples:
       rotavg colmap photographs.db photographs -o scene
       rotavg colmap database.db images -o scene --picture --threads 4
+      rotavg colmap database.db images -o scene --gravity database.db
     """
+    known = taken(KnownNodes, settings)
+    check_prior_options(known)
+    settings["loss_scale"] = radians_of(loss_scale)
+    if settings["loss"] == "l2" and settings["loss_scale"] != "auto":
+        raise click.UsageError("--loss-scale is for --loss, which is l2")
     check_new_folder(output)
     if picture:
         require("matplotlib", "plot")
+    if known != KnownNodes():
+        graph = rotavg.read(database, format="colmap")
+        priors = settings["priors"] = read_priors(graph, known)
+        if priors is not None:
+            with_doubts(graph, priors, told=True)
     with _waiting("reconstructing"):
         found = reconstruct(
             database,
@@ -117,10 +144,11 @@ def _summary(found: Reconstruction) -> dict[str, Any]:
 
 def _rows(found: Reconstruction) -> list[tuple[str, str]]:
     solution = found.solution
-    degrees = np.degrees(solution.residual_angles)
+    median, _, largest = median_high_largest(solution)
+    kept = "" if solution.robust is None else " (of the edges it kept)"
     rows = [
         ("rotations", f"{solution.graph.num_nodes}, from {solution.graph.num_edges} pairs"),
-        ("residuals", f"median {np.median(degrees):.3g} deg, largest {degrees.max():.3g}"),
+        ("residuals", f"median {median:.3g} deg, largest {largest:.3g}{kept}"),
         ("left out", f"{found.dropped} pairs that contradict them"),
     ]
     if solution.certificate is not None:

@@ -68,7 +68,7 @@ def _columns(name: str, of: str) -> Callable[[Any], Any]:
 @click.option(
     "--image-ids",
     is_flag=True,
-    help="Of COLMAP's images.txt take IMAGE_ID for ids of nodes, not NAME.",
+    help="Of COLMAP's models take IMAGE_ID for ids of nodes, not NAME.",
 )
 @options.as_json
 def compare(
@@ -87,14 +87,15 @@ def compare(
     """Tell how far the rotations in SOLUTION are from those in REFERENCE.
 
     Both are solutions in any format that holds rotations: text, csv, npz (or ground truth in one),
-    vertices of g2o and TORO, TUM, COLMAP's images.txt, GLOMAP's and iRotAvg's rotations. They are
+    vertices of g2o and TORO, TUM, COLMAP's models (the folder, images.txt or images.bin), GLOMAP's
+    and iRotAvg's rotations. They are
     compared at the nodes that both have, after the common rotation that leaves the least sum of
     angles. A node alone in its component could be turned to meet any reference and is left out.
 
     \b
     Examples:
       rotavg compare solved.txt truth.txt
-      rotavg compare solved.txt reconstruction/images.txt --graph graph.txt
+      rotavg compare solved.txt sparse/0 --graph graph.txt
     """
     solution = read_absolute(solution_path, format=format, convention=convention, columns=columns)
     reference = read_absolute(
@@ -108,7 +109,7 @@ def compare(
             click.echo(f"note: {path}: {note}", err=True)
     if image_ids:
         if solution.image_ids is None and reference.image_ids is None:
-            raise rotavg.FormatError("--image-ids: neither file is COLMAP's images.txt")
+            raise rotavg.FormatError("--image-ids: neither is a model of COLMAP's")
         solution, reference = _by_image_ids(solution), _by_image_ids(reference)
     if not (rows_of(solution.nodes, reference.nodes) >= 0).any():
         example = f"{solution.nodes[0].item()!r} there, {reference.nodes[0].item()!r} here"

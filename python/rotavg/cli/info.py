@@ -143,7 +143,7 @@ def _rows(measures: dict[str, Any]) -> list[tuple[str, str]]:
         (
             "noise",
             f"about {cycles['noise_per_edge_deg']:.2g} deg an edge "
-            "(median of cycle error / sqrt(edges))",
+            "(median of cycle error / sqrt(edges), of cycles without wrong edges)",
         ),
     ]
     if cycles["short"] is not None:

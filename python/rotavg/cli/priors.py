@@ -12,17 +12,17 @@ import numpy as np
 import rotavg
 from rotavg.cli import options
 from rotavg.graph.conventions import Convention
-from rotavg.graph.ids import IdArray, rows_of
 from rotavg.io import read_gravity, read_rigs, read_rotations
-from rotavg.io.irotavg import FixedRotations
+from rotavg.io.of_graph import ids_like, of_graph
+from rotavg.io.priors import fixed_of
 from rotavg.io.rigs import rigs_of
 
-_OPTIONS = (
+_NODES = (
     click.option(
         "--fixed",
         "fixed_path",
         type=options.INPUT,
-        help="Hold the rotations in this file, any that `rotavg compare` reads.",
+        help="Hold the rotations in this file or model, any that `rotavg compare` reads.",
     ),
     click.option(
         "--fixed-convention",
@@ -44,12 +44,6 @@ _OPTIONS = (
         "[default: the edges' median]",
     ),
     click.option(
-        "--headings",
-        is_flag=True,
-        help="Hold gravity exactly and solve for headings only; --gravity must cover every node "
-        "(with calibrated rigs, every frame).",
-    ),
-    click.option(
         "--rigs",
         "rigs_path",
         type=options.INPUT,
@@ -58,18 +52,24 @@ _OPTIONS = (
     ),
     click.option("--no-rigs", is_flag=True, help="Leave the rigs of a COLMAP database aside."),
 )
+_HEADINGS = click.option(
+    "--headings",
+    is_flag=True,
+    help="Hold gravity exactly and solve for headings only; --gravity must cover every node "
+    "(with calibrated rigs, every frame).",
+)
 
 
 @dataclass(frozen=True)
 class KnownNodes:
     """The options about what is known of nodes, by their names."""
 
-    fixed_path: Path | None
-    fixed_convention: Convention | None
-    gravity_path: Path | None
-    gravity_weight: float | None
-    rigs_path: Path | None
-    no_rigs: bool
+    fixed_path: Path | None = None
+    fixed_convention: Convention | None = None
+    gravity_path: Path | None = None
+    gravity_weight: float | None = None
+    rigs_path: Path | None = None
+    no_rigs: bool = False
 
     @property
     def paths(self) -> tuple[Path | None, ...]:
@@ -79,7 +79,12 @@ class KnownNodes:
 
 def prior_options(command: Any) -> Any:
     """The options about what is known of nodes."""
-    for option in reversed(_OPTIONS):
+    return known_node_options(_HEADINGS(command))
+
+
+def known_node_options(command: Any) -> Any:
+    """Those of `KnownNodes`, which name the files."""
+    for option in reversed(_NODES):
         command = option(command)
     return command
 
@@ -100,26 +105,23 @@ def read_priors(graph: rotavg.MeasurementGraph, known: KnownNodes) -> rotavg.Pri
     Also those rotations that the graph's own file holds fixed, and its rigs. What the files say of
     other nodes is skipped, counted and told on stderr.
     """
-    own = graph.source if isinstance(graph.source, FixedRotations) else None
+    rotations = fixed_of(graph.source, graph)
     rigs = None if known.no_rigs else _rigs(graph, known.rigs_path)
     fixed, gravity, weight = known.fixed_path, known.gravity_path, known.gravity_weight
-    if fixed is None and gravity is None and own is None and rigs is None:
+    if fixed is None and gravity is None and not rotations and rigs is None:
         return None
     if weight is None:
         weight = float(np.median(graph.weights))
-    rotations: dict[Any, Any] = {}
     downs: dict[Any, Any] = {}
-    if own is not None:
-        here = rows_of(own.nodes, graph.nodes) >= 0
-        rotations = dict(zip(own.nodes[here].tolist(), own.rotations[here]))
+    if rotations:
         count = f"{len(rotations)} rotation{'s' * (len(rotations) != 1)}"
         click.echo(f"note: {count} held fixed, as the graph's file says", err=True)
     if fixed is not None:
         ids, matrices = read_rotations(fixed, convention=known.fixed_convention)
-        rotations = {**rotations, **_of_nodes(graph, fixed, ids, matrices)}
+        rotations = {**rotations, **_told(of_graph(fixed, ids, matrices, graph))}
     if gravity is not None:
         names, vectors = read_gravity(gravity)
-        downs = _of_nodes(graph, gravity, _ids(graph, names), vectors)
+        downs = _told(of_graph(gravity, ids_like(graph, names), vectors, graph))
     return rotavg.Priors(
         fixed=rotations,
         gravity={node: (down, weight) for node, down in downs.items()},
@@ -147,33 +149,8 @@ def _rigs(graph: rotavg.MeasurementGraph, path: Path | None) -> rotavg.Rigs | No
     return found
 
 
-def _ids(graph: rotavg.MeasurementGraph, names: list[str]) -> IdArray:
-    """Names as ids of the kind that the graph has; what is no integer is not among integers."""
-    if graph.nodes.dtype.kind == "U":
-        return np.array(names, dtype=np.str_)
-    known = {str(node): node for node in graph.nodes.tolist()}
-    absent = int(graph.nodes.max()) + 1
-    return np.array([known.get(name, absent) for name in names], dtype=np.int64)
-
-
-def _of_nodes(
-    graph: rotavg.MeasurementGraph, path: Path, ids: IdArray, values: Any
-) -> dict[Any, Any]:
-    if len(ids) == 0:
-        found = "the file says nothing of nodes (of a database: its table pose_priors is empty)"
-        raise rotavg.FormatError(f"{found}, expected what is known of them", path=path)
-    rows = rows_of(ids, graph.nodes)
-    here = rows >= 0
-    if not here.any():
-        node = graph.nodes[0].item()
-        found = "none of the nodes in the file is in the graph"
-        raise rotavg.FormatError(
-            f"{found}, expected ids as in the graph (say, {node!r})", path=path
-        )
-    nodes = graph.nodes[rows[here]].tolist()
-    if len(set(nodes)) < len(nodes):
-        raise rotavg.FormatError("the file names a node more than once", path=path)
-    if not here.all():
-        count = int((~here).sum())
-        click.echo(f"note: {path}: {count} of {len(ids)} nodes are not in the graph", err=True)
-    return dict(zip(nodes, values[here]))
+def _told(found: tuple[dict[Any, Any], str]) -> dict[Any, Any]:
+    """What a file says of the nodes, its note told on stderr."""
+    if found[1]:
+        click.echo(f"note: {found[1]}", err=True)
+    return found[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import click
 
@@ -15,6 +15,7 @@ from rotavg.cli.distributed import check_distributed_options, solve_in_parts
 from rotavg.cli.follow import check_follow_options, follow_input
 from rotavg.cli.headings import check_heading_options, solve_upright
 from rotavg.cli.known_edges import KnownEdges, check_known_edges, read_known_edges
+from rotavg.cli.losses import radians_of
 from rotavg.cli.options import taken, typed
 from rotavg.cli.output import beside_files, print_json, print_notes, print_solution, print_text
 from rotavg.cli.poses import check_refinable
@@ -63,7 +64,7 @@ def solve(
     check_distributed_options(distributed)
     if follow:
         check_follow_options()
-        scale = _radians(settings["loss_scale"])
+        scale = radians_of(settings["loss_scale"])
         return follow_input(input_path, settings, None if scale == "auto" else scale)
     if distributed:
         output = settings["output"]
@@ -113,7 +114,7 @@ def solve(
 
 def _translate(settings: dict[str, Any]) -> None:
     """Make the options of the command those of Python: angles are radians there."""
-    settings["loss_scale"] = _radians(settings["loss_scale"])
+    settings["loss_scale"] = radians_of(settings["loss_scale"])
     threshold = settings.pop("cycle_threshold")
     if threshold is not None:
         settings["cycle_threshold"] = math.radians(threshold)
@@ -124,21 +125,6 @@ def _translate(settings: dict[str, Any]) -> None:
             found = "--anisotropic needs the covariances that --unit-weights leaves out"
             raise click.UsageError(found)
         settings["covariances"] = True  # of a database's pairs
-
-
-def _radians(scale: str) -> float | Literal["auto"]:
-    if scale == "auto":
-        return "auto"
-    try:
-        degrees = float(scale)
-    except ValueError:
-        degrees = math.nan
-    if not 1e-4 <= degrees <= 180:
-        raise click.BadParameter(
-            f"{scale!r} is neither 'auto' nor a number of degrees from 0.0001 to 180",
-            param_hint="'--loss-scale'",
-        )
-    return math.radians(degrees)
 
 
 def _check(settings: dict[str, Any], nodes: KnownNodes, edges: KnownEdges, headings: bool) -> None:

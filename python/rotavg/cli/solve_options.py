@@ -11,6 +11,7 @@ from rotavg.cli.command import Count
 from rotavg.cli.distributed import distributed_options
 from rotavg.cli.follow import follow_option
 from rotavg.cli.known_edges import known_edge_options
+from rotavg.cli.losses import loss_options
 from rotavg.cli.options import choice, number
 from rotavg.cli.priors import prior_options
 from rotavg.cli.reading import reading_options
@@ -60,7 +61,8 @@ _OPTIONS: tuple[Callable[[Any], Any], ...] = (
         "-o",
         "--output",
         type=options.OUTPUT,
-        help="Write the poses; the name tells the format: .g2o, .csv, .tum, images.txt, ...",
+        help="Write the poses; the name tells the format: .g2o, .csv, .tum, images.txt, ...; of a "
+        "COLMAP database also a new folder, for a model.",
     ),
     click.option(
         "--report",
@@ -98,20 +100,7 @@ _OPTIONS: tuple[Callable[[Any], Any], ...] = (
         10,
         "How high the staircase climbs; below 5: not at all.",
     ),
-    choice(
-        "--loss",
-        ["l2", "auto", "huber", "l1", "l_half", "cauchy", "geman_mcclure", "tls"],
-        "l2",
-        "Robust loss of the residual angles; 'auto' for data with outliers.",
-    ),
-    click.option(
-        "--loss-scale",
-        default="auto",
-        metavar="DEG",
-        show_default=True,
-        help="Residual beyond which the loss gives an edge less weight, degrees; auto: from the "
-        "estimated noise.",
-    ),
+    loss_options("l2"),
     click.option(
         "--cycle-threshold",
         type=click.FloatRange(0, 180, min_open=True),

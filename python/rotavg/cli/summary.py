@@ -11,6 +11,7 @@ import numpy as np
 
 import rotavg
 from rotavg.graph.conventions import quaternions_from_matrices
+from rotavg.solving.kept import kept_degrees, median_high_largest
 from rotavg.solving.printed import verdict_sentence
 from rotavg.solving.uncertainty import rms_degrees
 
@@ -45,9 +46,12 @@ def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:
 
 
 def _residuals(solution: rotavg.Solution) -> dict[str, float]:
-    degrees = np.degrees(solution.residual_angles)
-    median, high = np.percentile(degrees, [50, 95])
-    return {"median_deg": median, "percentile_95_deg": high, "largest_deg": degrees.max()}
+    """Of the edges that a robust loss has kept, and how many these are."""
+    median, high, largest = median_high_largest(solution)
+    edges = len(kept_degrees(solution))
+    return {
+        "edges": edges, "median_deg": median, "percentile_95_deg": high, "largest_deg": largest,
+    }  # fmt: skip
 
 
 def _uncertainty(solution: rotavg.Solution) -> dict[str, Any] | None:

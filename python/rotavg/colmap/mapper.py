@@ -89,7 +89,9 @@ def reconstruct(
         loss: of `rotavg.solve`: photographs have wrong pairs.
         anisotropic: whether to estimate the covariances of the relative rotations from the inliers
             of the pairs, and to honour them (docs/covariances.md).
-        solve_options: further ones of `rotavg.solve`.
+        solve_options: further ones of `rotavg.solve`. `priors` stand instead of the database's
+            rigs, None for none: `rotavg.read_priors(database, graph, gravity=True)` has both. The
+            mapper takes the rotations relative to each other, and its world is its own.
 
     Raises:
         FileAccessError: `output` is there already and not empty, or a file cannot be read or

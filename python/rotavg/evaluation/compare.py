@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotavg.base.arrays import ReadOnly, read_only, rows_by_label
 from rotavg.base.errors import GraphError
-from rotavg.evaluation.known import Known, Rotations, known
+from rotavg.evaluation.known import Known, Rotations, by_common_ids, known
 from rotavg.graph.ids import IdArray, rows_of
 
 SHARES_DEG = (1, 2, 5, 10)
@@ -87,7 +87,9 @@ def compare(
     not turn all the others away.
 
     Either may be a Solution, a dict from ids to matrices (3, 3) world_from_node, a tuple of ids
-    (n,) and matrices (n, 3, 3), or a file that `rotavg.read_rotations` reads: then nodes are
+    (n,) and matrices (n, 3, 3), a file or a COLMAP model's folder that `rotavg.read_rotations`
+    reads, or a `pycolmap.Reconstruction` (of which ids are the images' names, or where the other
+    side has numbers, the images' ids): then nodes are
     matched by their ids, and those that only one of the two has are counted. Or it is an array
     (n, 3, 3) without ids, of the same nodes as the other in the same order.
 
@@ -103,7 +105,7 @@ def compare(
             are in one component.
         FormatError, FileAccessError: for a file that cannot be read.
     """
-    ours, theirs = known(rotations, "rotations"), known(reference, "reference")
+    ours, theirs = by_common_ids(known(rotations, "rotations"), known(reference, "reference"))
     n = len(ours.rotations)
     label = ours.component if component is None else _labels(component, n)
     if ours.nodes is None or theirs.nodes is None:

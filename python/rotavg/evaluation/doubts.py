@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rotavg.base.errors import expect
 from rotavg.evaluation.paired import LEAST_FEW, LEAST_SEPARATE, is_clearly_better
 from rotavg.evaluation.separate_cycles import separate_cycles
 from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.priors.priors import Priors, Rigs
+from rotavg.priors.priors import Priors, Rigs, check_priors
 from rotavg.solving.solve import solve
 
 Floats = NDArray[np.float64]
@@ -40,8 +41,10 @@ def doubts(graph: MeasurementGraph, priors: Priors | None = None) -> tuple[str, 
 
     Raises what `solve` raises for these priors.
     """
+    expect(graph, MeasurementGraph)
     found = [_of_covariances(graph)]
     if priors is not None:
+        check_priors(priors)
         if isinstance(priors.rigs, Rigs) or priors.rigs:
             found.append(_of_rigs(graph, priors.rigs))
         known = {

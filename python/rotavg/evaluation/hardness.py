@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rotavg import _core
 from rotavg.base.arrays import Brief
+from rotavg.base.errors import expect
 from rotavg.graph.measurement_graph import MeasurementGraph
 
 # Cycles are long on long trajectories; this many tell enough of their errors.
@@ -39,17 +40,38 @@ class Hardness(Brief):
 
     @property
     def noise(self) -> float:
-        """Median of angle / sqrt(length) over the cycles: a rough noise angle of one edge, radians.
+        """A rough noise angle of one edge, radians: median of angle / sqrt(length) of right cycles.
 
-        NaN for a graph without cycles.
+        A cycle counts by how likely it is to have no wrong edge in it, judged by all of them
+        together: right ones miss the identity by noise that grows with sqrt(length), the others by
+        any rotation. Without wrong edges, all count. NaN for a graph without cycles.
         """
         if len(self.cycle_angles) == 0:
             return float("nan")
-        return float(np.median(self.cycle_angles / np.sqrt(self.cycle_lengths)))
+        return _noise(self.cycle_angles, self.cycle_lengths)
+
+
+def _noise(angles: NDArray[np.float64], lengths: NDArray[np.int32]) -> float:
+    """The noise angle of one edge, by expectation and maximisation of the likelihood."""
+    theta = np.maximum(angles, 1e-12)
+    per_edge = theta / np.sqrt(lengths)
+    wrong = (1.0 - np.cos(theta)) / np.pi  # density of the angle of a random rotation
+    variance, share = float(np.quantile(per_edge, 0.1)) ** 2, 0.5
+    right = np.ones(len(theta))
+    for _ in range(100):
+        spread = np.sqrt(max(variance, 1e-20) * lengths)  # per axis
+        likely = np.sqrt(2.0 / np.pi) * theta**2 / spread**3 * np.exp(-0.5 * (theta / spread) ** 2)
+        right = share * likely / (share * likely + (1.0 - share) * wrong + 1e-300)
+        variance = float(right @ per_edge**2 / (3.0 * right.sum() + 1e-300))
+        share = float(right.mean())
+    order = np.argsort(per_edge)
+    below = np.cumsum(right[order])
+    return float(per_edge[order[np.searchsorted(below, 0.5 * below[-1])]])
 
 
 def hardness(graph: MeasurementGraph) -> Hardness:
     """Measure how hard a graph is: components, degrees, connectivity, cycle errors."""
+    expect(graph, MeasurementGraph)
     label = graph.components()
     sizes = np.bincount(label)
     # Rotations along a breadth-first tree leave nothing over on its own edges; on any other edge

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Union
 
 import numpy as np
@@ -18,6 +18,7 @@ from rotavg.graph.ids import IdArray, as_nodes
 from rotavg.graph.nearest import why_row_is_no_rotation
 from rotavg.graph.node_mapping import NodeMapping
 from rotavg.io.absolute import AbsoluteRotations
+from rotavg.io.colmap_models import is_reconstruction, of_reconstruction
 from rotavg.io.rotations import read_absolute
 
 Rotations = Union[
@@ -33,11 +34,15 @@ Rotations = Union[
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """Rotations (n, 3, 3) world_from_node; their ids (n,) and labels of components, where told."""
+    """Rotations (n, 3, 3) world_from_node.
+
+    And where told, their ids (n,), labels of components, and COLMAP's ids of images.
+    """
 
     rotations: NDArray[np.float64]
     nodes: IdArray | None = None
     component: NDArray[Any] | None = None
+    image_ids: IdArray | None = None
 
 
 def known(value: Rotations, what: str) -> Known:
@@ -45,8 +50,8 @@ def known(value: Rotations, what: str) -> Known:
 
     Args:
         value: a solution; a mapping from ids to matrices (3, 3); a tuple of ids and matrices
-            (n, 3, 3); the path of a file that `rotavg.read_rotations` reads; matrices, or SciPy's
-            `Rotation`, without ids.
+            (n, 3, 3); the path of a file that `rotavg.read_rotations` reads; a
+            `pycolmap.Reconstruction`; matrices, or SciPy's `Rotation`, without ids.
         what: the name of the argument.
 
     Raises:
@@ -55,8 +60,10 @@ def known(value: Rotations, what: str) -> Known:
     """
     if isinstance(value, (str, os.PathLike)):
         value = _of_file(value)
+    elif is_reconstruction(value):
+        value = of_reconstruction(value)
     if isinstance(value, AbsoluteRotations):
-        found = Known(value.rotations, value.nodes, value.component)
+        found = Known(value.rotations, value.nodes, value.component, value.image_ids)
     elif isinstance(value, NodeMapping):
         label = getattr(value, "component", None)
         found = Known(value.rotations, value.graph.nodes, label)
@@ -89,6 +96,19 @@ def known(value: Rotations, what: str) -> Known:
             f"{what}: the matrix {where} {why_row_is_no_rotation(found.rotations, bad)}"
         )
     return found
+
+
+def by_common_ids(first: Known, second: Known) -> tuple[Known, Known]:
+    """The same; where one side has names of images and the other numbers, by ids of images."""
+    if first.nodes is not None and second.nodes is not None:
+        kinds = {first.nodes.dtype.kind == "U", second.nodes.dtype.kind == "U"}
+        if len(kinds) == 2:
+            return _by_image_ids(first), _by_image_ids(second)
+    return first, second
+
+
+def _by_image_ids(found: Known) -> Known:
+    return found if found.image_ids is None else replace(found, nodes=found.image_ids)
 
 
 def _of_file(path: str | os.PathLike[str]) -> AbsoluteRotations:

@@ -50,7 +50,8 @@ class OtherReading:
     Attributes:
         other_family: whether the rotations are the transposes of what they were read as.
         w_first: whether quaternions are (w, x, y, z) that were read as (x, y, z, w).
-        noise: rough noise angle of one edge in this reading, radians (see `Hardness.noise`).
+        noise: rough noise angle of one edge in this reading, radians: the median of cycle error /
+            sqrt(edges), wrong edges or not.
         noise_as_read: the same of the graph as it is.
         cycles: where the noise is large, the number of cycles without a common edge that were
             looked at; else 0.

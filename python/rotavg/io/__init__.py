@@ -8,6 +8,7 @@ from rotavg.io.diagnostics import write_diagnostics
 from rotavg.io.edges import write_edges
 from rotavg.io.formats import FORMATS, check_writable, losses, read, write
 from rotavg.io.gravity import read_gravity, write_gravity
+from rotavg.io.priors import read_priors
 from rotavg.io.registry import Format
 from rotavg.io.rigs import read_rigs
 from rotavg.io.rotations import read_rotations
@@ -19,6 +20,7 @@ __all__ = [
     "losses",
     "read",
     "read_gravity",
+    "read_priors",
     "read_rigs",
     "read_rotations",
     "write",

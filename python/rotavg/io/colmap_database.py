@@ -24,7 +24,8 @@ from rotavg.io.colmap_covariances import PairPose, covariances_of_pairs
 from rotavg.io.colmap_poses import poses_of_pairs
 from rotavg.io.colmap_priors import count_gravity, rigs_in
 from rotavg.io.colmap_sqlite import doubles, opened, pair_of
-from rotavg.io.registry import Format, ReadOptions, blame_line
+from rotavg.io.colmap_tables import ColmapTables, tables_in
+from rotavg.io.registry import Format, ReadOptions, blame_line, how_used
 from rotavg.io.rounding import is_unit
 from rotavg.priors.priors import Rigs
 
@@ -49,12 +50,21 @@ class ColmapImages:
 
     Also of each edge (m,) the configuration, by its number in `CONFIGURATIONS`, and the rigs of
     several cameras, where there are any: frames by their ids, sensors by those of their cameras.
+    What a model is made of are `tables` (`colmap_model`).
     """
 
     image_ids: dict[str, int]
     camera_ids: dict[str, int]
     configurations: NDArray[np.int64]
     rigs: Rigs | None = None
+    tables: ColmapTables | None = None
+
+    @property
+    def knows(self) -> str:
+        """What the database knows beside the measurements; "" for nothing."""
+        if self.rigs is None:
+            return ""
+        return f"rigs of {len({frame for frame, _ in self.rigs.images.values()})} frames"
 
     def select(self, edges: NDArray[np.bool_]) -> ColmapImages:
         """The source of the graph that keeps the edges (m,) marked True."""
@@ -73,6 +83,7 @@ def read_database(path: Path, data: bytes, options: ReadOptions) -> MeasurementG
         ).fetchall()
         names = {image: name for image, name, _ in images}
         rigs = rigs_in(path, connection)
+        tables = tables_in(connection)
         gravity = count_gravity(connection)
         stored, without, skipped = _sorted_out(path, rows, names)
         computed = (
@@ -92,9 +103,12 @@ def read_database(path: Path, data: bytes, options: ReadOptions) -> MeasurementG
     if guessed:
         notes += (f"{guessed} pairs whose inliers do not tell a covariance got a usual one",)
     if rigs is not None:
-        notes += (_note_of_rigs(rigs),)
+        notes += (f"{_note_of_rigs(rigs)}{how_used(path)}",)
     if gravity:
-        notes += (f"{gravity} images have gravity, which --gravity takes from the database",)
+        notes += (
+            f"{gravity} images have gravity, which --gravity takes from the database, in Python "
+            f"rotavg.read_priors({str(path)!r}, graph, gravity=True)",
+        )
     if not used:
         raise FormatError(_nothing(len(rows), skipped, notes), path=path)
     with blame_line(path):
@@ -111,6 +125,7 @@ def read_database(path: Path, data: bytes, options: ReadOptions) -> MeasurementG
                 {name: camera for _, name, camera in images},
                 np.array([kind for _, _, kind, *_ in used]),
                 rigs,
+                tables,
             ),
             notes=notes,
         )

@@ -11,11 +11,12 @@ are numbered from 1 and share camera 1. Of what is read the names are the nodes.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rotavg.base.errors import FormatError
 from rotavg.graph.conventions import convert_family, quaternions_from_matrices, wxyz_from_xyzw
@@ -66,18 +67,31 @@ def write_images(path: Path, item: Writable) -> bytes:
         where = positions(graph, solution.rotations)
     if where is not None:
         t = -np.einsum("nab,nb->na", R, where)
-    rows = np.hstack([wxyz_from_xyzw(quaternions_from_matrices(R)), t + 0.0])
     names = [str(node) for node in graph.nodes.tolist()]
     known = graph.source if isinstance(graph.source, ColmapImages) else None
+    images = [known.image_ids[name] if known else k for k, name in enumerate(names, start=1)]
+    cameras = [known.camera_ids[name] if known else 1 for name in names]
+    return "\n".join([*image_lines(path, images, R, t, cameras, names), ""]).encode()
+
+
+def image_lines(
+    path: Path,
+    images: Sequence[int],
+    R: ArrayLike,
+    t: ArrayLike,
+    cameras: Sequence[int],
+    names: Sequence[str],
+) -> list[str]:
+    """The lines of images.txt: ids (n,), camera_from_world (n, 3, 3) and (n, 3), cameras, names."""
+    quaternions = quaternions_from_matrices(np.asarray(R))
+    rows = np.hstack([wxyz_from_xyzw(quaternions), np.asarray(t) + 0.0])
     lines = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] (none)"]
-    for k, (name, row) in enumerate(zip(names, rows), start=1):
+    for image, row, camera, name in zip(images, rows, cameras, names):
         if not name or len(name.splitlines()) > 1 or name != name.strip():
             found = f"found a node of the name {name!r}"
             raise FormatError(f"{found}, expected the name of an image", path=path)
-        image = known.image_ids[name] if known else k
-        camera = known.camera_ids[name] if known else 1
         lines += [" ".join([str(image), *exactly(row), str(camera), name]), ""]
-    return "\n".join([*lines, ""]).encode()
+    return lines
 
 
 COLMAP_IMAGES = Format(

@@ -55,6 +55,18 @@ def read_rigs_of(path: Path) -> Rigs | None:
         return rigs_in(path, connection)
 
 
+def sensor_from_rig_in(
+    path: Path, rig: int, sensor: int, blob: bytes | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """R (3, 3) and t (3,) of a sensor; None where there is no rotation."""
+    if blob is None:
+        return None
+    pose = doubles(path, f"sensor {sensor} of rig {rig}", blob, 7)
+    if not is_unit(pose[:4]):  # NaN where COLMAP itself does not know it
+        return None
+    return matrices_from_quaternions(xyzw_from_wxyz(pose[:4])), pose[4:]
+
+
 def rigs_in(path: Path, connection: sqlite3.Connection) -> Rigs | None:
     """The same; as COLMAP 3.12 and later has them; a rig of one camera is a plain image."""
     tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
@@ -66,12 +78,9 @@ def rigs_in(path: Path, connection: sqlite3.Connection) -> Rigs | None:
         "SELECT rig_id, sensor_id, sensor_from_rig FROM rig_sensors WHERE sensor_type = 0"
     ):
         several.add(rig)
-        if blob is None:
-            continue
-        quaternion = doubles(path, f"sensor {sensor} of rig {rig}", blob, 7)[:4]
-        if is_unit(quaternion):  # NaN where COLMAP itself does not know it
-            sensor_from_rig = matrices_from_quaternions(xyzw_from_wxyz(quaternion))
-            rotations[sensor] = convert_family(sensor_from_rig, "vision")
+        pose = sensor_from_rig_in(path, rig, sensor, blob)
+        if pose is not None:
+            rotations[sensor] = convert_family(pose[0], "vision")
     for rig, sensor in connection.execute(
         "SELECT rig_id, ref_sensor_id FROM rigs WHERE ref_sensor_type = 0"
     ):

@@ -6,13 +6,11 @@ import csv
 import io
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from rotavg.base.errors import expect
 from rotavg.io import atomic
+from rotavg.solving.solution import Solution
 from rotavg.solving.uncertainty import rms_degrees
-
-if TYPE_CHECKING:
-    from rotavg.solving.solution import Solution
 
 HEADER = ("id", "rms_deg", "xx", "xy", "xz", "yy", "yz", "zz", "component")
 
@@ -29,6 +27,7 @@ def write_covariances(
     Raises SolverError where there are no covariances, and FileAccessError if the file cannot be
     written; what was there before is untouched.
     """
+    expect(solution, Solution)
     covariances = solution.covariances(noise_variance=noise_variance)
     rms = rms_degrees(covariances)
     upper = covariances[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]

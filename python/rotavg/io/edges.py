@@ -5,19 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotavg.base.errors import FormatError
+from rotavg.base.errors import FormatError, expect
 from rotavg.graph.ids import IdArray
 from rotavg.io import atomic, registry
 from rotavg.io.csv_text import csv_rows, quoted
 from rotavg.io.fields import is_separator_line
 from rotavg.io.lines import content_lines
-
-if TYPE_CHECKING:
-    from rotavg.solving.solution import Solution
+from rotavg.solving.solution import Solution
 
 HEADER = ("i", "j", "residual_deg", "weight", "final_weight", "is_outlier", "verdict")
 
@@ -30,6 +27,7 @@ def write_edges(path: str | os.PathLike[str], solution: Solution) -> None:
 
     Raises FileAccessError if the file cannot be written; what was there before is untouched.
     """
+    expect(solution, Solution)
     rows = zip(
         *solution.graph.edges.T.tolist(),
         np.degrees(solution.residual_angles).tolist(),

@@ -16,6 +16,8 @@ from rotavg.io import (
     atomic,
     colmap_database,
     colmap_images,
+    colmap_model,
+    colmap_models,
     csv_text,
     g2o,
     glomap,
@@ -37,6 +39,8 @@ FORMATS: tuple[Format, ...] = (
     npz.NPZ,
     colmap_database.COLMAP_DATABASE,
     colmap_images.COLMAP_IMAGES,
+    colmap_models.COLMAP_BINARY,
+    colmap_model.COLMAP_MODEL,
     open3d.OPEN3D,
     jrl.JRL,
     pyfg.PYFG,
@@ -117,6 +121,7 @@ def write(
 
     Args:
         path: the file; its name tells the format ("out.g2o", "out.txt", "out.csv", "out.npz" ...).
+            Of the solution of a COLMAP database it may be a folder, new or empty: a model.
         graph_or_solution: a MeasurementGraph or a Solution.
         format: the name of a format (docs/formats.md), whatever the file's name.
 
@@ -126,7 +131,8 @@ def write(
             equal, or for nodes without an edge.
 
     Raises:
-        FileAccessError: the file cannot be written; what was there before is untouched.
+        FileAccessError: the file cannot be written, or the folder has other things in it; what was
+            there before is untouched.
         FormatError: unknown format, or one that cannot hold this (say, names as ids in g2o).
         MissingExtraError: SciPy is missing, and the format (tum, colmap_images) has no other
             positions than those that are solved for.
@@ -135,8 +141,8 @@ def write(
     if not isinstance(graph_or_solution, (MeasurementGraph, SolutionLike)):
         found = type(graph_or_solution).__name__
         raise FormatError(f"found a {found} to write, expected a MeasurementGraph or a Solution")
-    path, chosen = _output(path, format)
     is_solution = not isinstance(graph_or_solution, MeasurementGraph)
+    path, chosen = _output(path, format, is_solution and _is_of_database(graph_or_solution))
     chosen.check_writes(path, is_solution, FORMATS)
     assert chosen.write is not None
     content = chosen.write(path, graph_or_solution)
@@ -161,8 +167,10 @@ def check_writable(
     `solution` says that it is a solution that will be written, not a graph; `source` where its
     graph is from, a file that only a format that puts the solution back into it may replace.
     """
-    path, chosen = _output(path, format)
+    of_database = solution and source is not None and colmap_model.begins_as_database(source)
+    path, chosen = _output(path, format, of_database)
     chosen.check_writes(path, solution, FORMATS)
+    chosen.check_place(path, source)
     if not chosen.puts_back:
         atomic.check_distinct([path], [source])
     new_folder = chosen.main_file and not path.parent.exists()
@@ -176,7 +184,7 @@ def losses(
 
     But for what `write` warns of.
     """
-    _, chosen = _output(path, format)
+    _, chosen = _output(path, format, _is_of_database(graph))
     told = []
     if graph.translations is not None and not chosen.has_translations:
         told.append(f"the translations are not in it, {chosen.name} has no place for them")
@@ -222,13 +230,23 @@ def table_format(path: Path, data: bytes) -> Format:
     return csv_text.CSV if csv_text.CSV.is_name(path) or b'"' in data else text.TEXT
 
 
-def _output(path: str | os.PathLike[str], format: str | None) -> tuple[Path, Format]:
-    """The file to write and its format."""
+def _is_of_database(item: Writable) -> bool:
+    """Whether it is a graph from a COLMAP database, or a solution of one."""
+    graph = item if isinstance(item, MeasurementGraph) else item.graph
+    return isinstance(graph.source, colmap_database.ColmapImages)
+
+
+def _output(
+    path: str | os.PathLike[str], format: str | None, of_database: bool = False
+) -> tuple[Path, Format]:
+    """The file to write and its format; a folder is a model of what is `of_database`."""
     path = Path(path)
     if format is not None:
         chosen = registry.named(FORMATS, format, to_write=True)
+    elif of_database and (path.is_dir() or not (path.suffix or path.exists())):
+        chosen = colmap_model.COLMAP_MODEL
     else:
-        path = registry.in_folder(FORMATS, path)
+        path = registry.in_folder([form for form in FORMATS if form.read], path)
         chosen = registry.by_suffix(FORMATS, path, to_write=True)
     return chosen.file_of(path), chosen
 
@@ -237,7 +255,7 @@ def losses_of_solution(
     path: str | os.PathLike[str], solution: SolutionLike, format: str | None = None
 ) -> tuple[str, ...]:
     """What of a solution is not in the file that `write` makes of it, but for its graph."""
-    _, chosen = _output(path, format)
+    _, chosen = _output(path, format, _is_of_database(solution))
     label = components_to_tell(solution)
     if not label or chosen.has_components or chosen.puts_back:
         return ()

@@ -30,7 +30,7 @@ from rotavg.graph.ids import IdArray, as_edges, unique_ids
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, read_fields
 from rotavg.io.lines import check_finite, content_lines, exactly, number_table, shown
-from rotavg.io.registry import Format, ReadOptions, Writable, blame_line
+from rotavg.io.registry import Format, ReadOptions, Writable, blame_line, how_used
 from rotavg.io.rounding import quaternion_notes
 
 
@@ -40,6 +40,11 @@ class FixedRotations:
 
     nodes: IdArray
     rotations: NDArray[np.float64]
+
+    @property
+    def knows(self) -> str:
+        """What it knows beside the measurements."""
+        return f"{len(self.nodes)} rotation{'s' * (len(self.nodes) != 1)} held fixed"
 
     def select(self, edges: NDArray[np.bool_]) -> FixedRotations:
         """The same: they are of nodes."""
@@ -104,7 +109,8 @@ def _fixed(
         return None, notes
     found_here = read_fields(path, ((line, row.split()) for line, row in rows[:f]), _ROTATION)
     rotations = convert_family(found_here.rotations, IROTAVG.convention)
-    return FixedRotations(nodes[:f], rotations), found_here.notes + notes
+    fixed = FixedRotations(nodes[:f], rotations)
+    return fixed, (*found_here.notes, *notes, f"{fixed.knows}{how_used(path)}")
 
 
 def read_irotavg_rotations(path: Path, data: bytes) -> AbsoluteRotations:

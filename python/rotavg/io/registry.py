@@ -102,6 +102,8 @@ class Format:
         puts_back: whether a solution goes back into the file that its graph came from.
         magic: a beginning that tells that the reader opens the file itself.
         main_file: of a format that is a folder, the file in it that is read.
+        check_place: raises what speaks against writing to this path a solution of the graph in that
+            file (None: not known), as far as it can be told before the work.
         rotations: how it carries absolute rotations. None: it does not, or they are not read.
     """
 
@@ -125,6 +127,7 @@ class Format:
     magic: bytes = b""
     main_file: str = ""
     rotations: RotationReader | None = None
+    check_place: Callable[[Path, Path | None], None] = lambda path, source: None
 
     def is_name(self, path: Path) -> bool:
         """Whether files of this format are named so."""
@@ -200,6 +203,14 @@ def by_suffix(formats: Sequence[Format], path: Path, *, to_write: bool = False) 
     raise FormatError(f"{told} does not tell the format, {expected(formats, to_write)}", path=path)
 
 
+def how_used(path: Path) -> str:
+    """What a note of prior knowledge in a file of measurements ends with."""
+    return (
+        "; `rotavg solve` uses them by itself, in Python "
+        f"rotavg.solve(graph, priors=rotavg.read_priors({str(path)!r}, graph))"
+    )
+
+
 def why_not_read(form: Format) -> str:
     """Of a format that graphs are not read from, after its name."""
     return "holds rotations alone (rotavg compare, read_rotations)" if form.rotations else (
@@ -242,7 +253,8 @@ def read_bytes(formats: Sequence[Format], path: Path, what: str = "a measurement
         raise FileAccessError(f"cannot be read: {reason}", path=path)
     if path.is_dir():
         inside = [form for form in formats if form.main_file]
-        hint = "".join(f" ({form.name}: a folder with {form.main_file})" for form in inside)
+        folders = "; ".join(f"{form.name}: a folder with {form.main_file}" for form in inside)
+        hint = f" ({folders})" if folders else ""
         raise FileAccessError(f"cannot be read: it is a folder, expected a file{hint}", path=path)
     try:
         data = _magic_of(formats, path) or read_all(path)
@@ -280,5 +292,5 @@ def _magic_of(formats: Sequence[Format], path: Path) -> bytes:
 def expected(formats: Sequence[Format], to_write: bool = False) -> str:
     """What to say of the formats that can be read, or written."""
     able = [form for form in formats if (form.write if to_write else form.read or form.rotations)]
-    known = ", ".join(f"{form.name} ({'/'.join(form.suffixes)})" for form in able)
+    known = ", ".join(f"{form.name} ({'/'.join(form.suffixes) or 'a folder'})" for form in able)
     return f"expected one of the formats that are {'written' if to_write else 'read'}: {known}"

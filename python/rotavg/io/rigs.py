@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.base.errors import FormatError, GraphError, IncompleteWarning
+from rotavg.base.errors import FormatError, GraphError, IncompleteWarning, expect
 from rotavg.graph.conventions import convert_family, matrices_from_quaternions
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io import json_data
@@ -58,6 +58,7 @@ def read_rigs(path: str | os.PathLike[str], graph: MeasurementGraph) -> Rigs:
         FormatError: it holds something else; the message names the line, or the rig and camera.
     """
     path = Path(path)
+    expect(graph, MeasurementGraph)
     data = read_bytes((COLMAP_DATABASE,), path, "rigs")
     if COLMAP_DATABASE.recognises(data):
         found = read_rigs_of(path)
@@ -74,9 +75,15 @@ def rigs_of(graph: MeasurementGraph) -> Rigs | None:
 
     None where no edge would be left between two frames, or there are no rigs.
     """
-    if not isinstance(graph.source, ColmapImages) or graph.source.rigs is None:
+    source = graph.source
+    return joining_frames(source.rigs if isinstance(source, ColmapImages) else None, graph)
+
+
+def joining_frames(rigs: Rigs | None, graph: MeasurementGraph) -> Rigs | None:
+    """The same of any rigs."""
+    if rigs is None:
         return None
-    rigs = restricted(graph.source.rigs, graph)
+    rigs = restricted(rigs, graph)
     frame = [rigs.images.get(node, (None, node))[0] for node in graph.nodes.tolist()]
     own = [(k,) if f is None else f for k, f in enumerate(frame)]
     between = any(own[i] != own[j] for i, j in graph.indices.tolist())

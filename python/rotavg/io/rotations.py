@@ -49,11 +49,12 @@ def read_rotations(
 
     Args:
         path: a file in one of the formats of docs/formats.md that hold rotations; told by its
-            content or, failing that, by its name. Where two formats fit, none is guessed.
+            content or, failing that, by its name. Where two formats fit, none is guessed. Or the
+            folder of a COLMAP model, whose images.bin is read, or else its images.txt.
         format: the name of a format, to leave nothing to be told.
         convention: the family of the rotations, "pose" or "vision", where the format leaves that
             open: text, csv and npz, "pose" by default.
-        image_ids: of COLMAP's images.txt take IMAGE_ID for ids, not NAME.
+        image_ids: of COLMAP's images.txt or images.bin take IMAGE_ID for ids, not NAME.
         columns: what the columns of a text or CSV file are that has no header to say so, such as
             "id,qw,qx,qy,qz", as in `rotavg.read`.
 
@@ -85,7 +86,7 @@ def read_absolute(
     columns: str | Sequence[str] | None = None,
 ) -> AbsoluteRotations:
     """Rotations world_from_node with all that the file says of their nodes; see above."""
-    path = Path(path)
+    path = registry.in_folder(FORMATS, Path(path))
     data = registry.read_bytes(FORMATS, path, "absolute rotations")
     if columns is not None and format is None:
         form = table_format(path, data)
@@ -102,7 +103,7 @@ def read_absolute(
         raise FormatError(message, path=path)
     nodes = found.image_ids if image_ids else found.nodes
     if nodes is None:
-        raise FormatError(f"{form.name} has no image ids, colmap_images alone has", path=path)
+        raise FormatError(f"{form.name} has no image ids, COLMAP's models alone have", path=path)
     return dataclasses.replace(
         found, nodes=nodes, rotations=convert_family(found.rotations, family)
     )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotavg.plot.canvas import axes
+from rotavg.solving.kept import kept_degrees
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,7 +47,9 @@ def residuals(solution: Solution, ax: Axes | None = None, *, bins: int = 60) -> 
     if kept.min() < 1 - 1e-9:
         label = f"by what is left of their weight: {kept.sum():.0f}"
         drawn.hist(shown, edges, weights=kept, color="tab:blue", label=label)
-    drawn.axvline(median, color="tab:red", linewidth=1, label=f"median {median:.3g} deg")
+    middle = float(np.median(kept_degrees(solution)))
+    of_kept = "" if solution.robust is None else " (edges kept)"
+    drawn.axvline(middle, color="tab:red", linewidth=1, label=f"median {middle:.3g} deg{of_kept}")
     drawn.set(xlabel="residual angle [deg]", ylabel="edges", title="Residuals")
     drawn.legend()
     return drawn

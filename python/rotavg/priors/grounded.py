@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from rotavg import _core
 from rotavg.base.arrays import as_floats
-from rotavg.base.errors import GraphError
+from rotavg.base.errors import GraphError, expect
 from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.priors.priors import Priors, Rigs
+from rotavg.priors.priors import Priors, Rigs, check_priors
 
 
 class Weighed(Protocol):
@@ -135,8 +135,7 @@ def ground(graph: MeasurementGraph, priors: Priors) -> Grounded | None:
     Raises:
         GraphError: names the prior that does not fit the graph, and why.
     """
-    if not isinstance(graph, MeasurementGraph):
-        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
+    expect(graph, MeasurementGraph)
     if isinstance(priors, Priors) and isinstance(priors.rigs, Rigs):
         priors = replace(priors, rigs=cameras_of(priors.rigs))
     made = core_priors(graph, priors)
@@ -171,11 +170,11 @@ def core_priors(graph: MeasurementGraph, priors: Priors) -> _core.Priors:
     Raises:
         GraphError: names the prior that is not of the graph, or not what it should be.
     """
-    if not isinstance(priors, Priors):
-        raise GraphError(f"priors are a {type(priors).__name__}, expected a rotavg.Priors")
+    check_priors(priors)
     for name in ("fixed", "absolute", "gravity", "rigs", "positions"):
         if not isinstance(getattr(priors, name), Mapping):
-            raise GraphError(f"{name} priors are no mapping from nodes, expected a dict")
+            hint = " (read_gravity(path, graph) gives one)" if name == "gravity" else ""
+            raise GraphError(f"{name} priors are no mapping from nodes, expected a dict{hint}")
     assert isinstance(priors.rigs, Mapping)
     fixed = of_nodes(graph, priors.fixed, "fixed")
     absolute = _pairs(of_nodes(graph, priors.absolute, "absolute"))

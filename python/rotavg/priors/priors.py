@@ -9,6 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from rotavg.base.arrays import Brief
+from rotavg.base.errors import expect
 from rotavg.priors.checks import check_fixed, check_rigs
 
 
@@ -48,7 +49,8 @@ class Priors(Brief):
             objective, as an edge of weight w from the world would add.
         gravity: (down d (3,), weight w) of a node, down in the frame of the node, of any length:
             2 w |R_i d - g|^2 is added, which makes a tilt count like the angle of an edge of
-            weight w. The larger w, the more certain; only the heading stays free.
+            weight w. The larger w, the more certain; only the heading stays free. From a file:
+            `rotavg.io.read_gravity(path, graph)`, or `rotavg.read_priors`.
         down: g (3,), down in the world: by default (0, 1, 0), as COLMAP and GLOMAP have it.
         rigs: (frame, rotation C (3, 3)) of a node that is a camera of a calibrated rig: cameras
             with the same frame, an integer or a name, share its rotation Q, R_i = Q C with
@@ -75,3 +77,8 @@ class Priors(Brief):
     def hold_world(self) -> bool:
         """Whether there is something that the world is held by."""
         return bool(self.fixed or self.absolute or self.gravity)
+
+
+def check_priors(priors: Any) -> None:
+    """ArgumentTypeError where these are no Priors."""
+    expect(priors, Priors, ": rotavg.Priors(fixed=..., gravity=..., rigs=...)")

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
 from rotavg.base.arrays import as_floats, read_only
-from rotavg.base.errors import GraphError, OptionError
+from rotavg.base.errors import GraphError, OptionError, expect
 from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 
@@ -37,8 +37,8 @@ def refined_gravity(
         GraphError: a node that is not in the graph, or a direction that is zero or not finite.
         OptionError: rounds is no whole number from 1 to 1000.
     """
-    if not isinstance(graph, MeasurementGraph):
-        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
+    expect(graph, MeasurementGraph)
+    expect(gravity, Mapping, " of nodes and directions")
     if not (isinstance(rounds, (int, np.integer)) and 1 <= rounds <= 1000):
         raise OptionError(f"rounds is {rounds!r}; expected a whole number from 1 to 1000")
     down = np.zeros((graph.num_nodes, 3))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rotavg import _core
 from rotavg.base.arrays import Brief, as_floats, read_only
-from rotavg.base.errors import GraphError
+from rotavg.base.errors import GraphError, expect
 from rotavg.graph.counted_weights import counted_weights
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.grounded import Grounded, core_priors, ground, of_nodes, prior_error
@@ -209,8 +209,7 @@ def sensors_of(graph: MeasurementGraph, priors: Priors) -> Sensors:
     Raises:
         GraphError: names the node or sensor that does not fit, and why.
     """
-    if not isinstance(graph, MeasurementGraph):
-        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
+    expect(graph, MeasurementGraph)
     rigs = priors.rigs
     assert isinstance(rigs, Rigs)
     rows, frames, sensors, images = [], [], [], {}

@@ -11,6 +11,7 @@ from rotavg.base.errors import require
 from rotavg.drawing import figures
 from rotavg.report.style import COLOUR_BAR, COLOURS, MUTED, SECOND, THIRD
 from rotavg.report.verdict import is_reweighted
+from rotavg.solving.kept import kept_degrees
 from rotavg.solving.solution import Solution
 
 _BINS, _POINTS, _CELLS = 80, 1500, 250
@@ -35,7 +36,7 @@ def residuals(solution: Solution) -> Any:
             marker={"color": SECOND, "line_width": 0},
             hovertemplate="%{x:.3g} deg: %{y:.4g} left<extra></extra>",
         )  # fmt: skip
-    median = float(np.median(degrees))
+    median = float(np.median(kept_degrees(solution)))
     figure.add_vline(median, line={"color": THIRD, "width": 1.5})
     # Where a few bins hold nearly all, a linear axis would hide the others.
     log = counts.max() > 200 * np.median(counts[counts > 0])

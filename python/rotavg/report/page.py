@@ -20,6 +20,7 @@ from rotavg.report import charts, robust, tables
 from rotavg.report.space import space
 from rotavg.report.verdict import statement
 from rotavg.solving.diagnosis import diagnose
+from rotavg.solving.kept import median_high_largest
 from rotavg.solving.printed import OF_COVARIANCES
 from rotavg.solving.solution import Solution
 
@@ -99,6 +100,7 @@ def html(solution: Solution, run: Run | None = None, *, title: str = "") -> str:
         facts=_facts(solution),
         space_said=scene_said,
         robust=robust.robust_section(solution),
+        of_kept="" if solution.robust is None else " of the edges that were kept",
         tables={
             "edges": tables.worst_edges(solution),
             **{f"{k}s": tables.shares(diagnosis, k) for k in ("node", "frame", "sensor")},
@@ -138,19 +140,19 @@ def _figure(value: object) -> str:
 
 
 def _facts(solution: Solution) -> list[tuple[str, str]]:
-    degrees = np.degrees(solution.residual_angles)
-    median, high = np.percentile(degrees, [50, 95])
-    outliers = []
+    median, high, largest = median_high_largest(solution)
+    outliers, kept = [], ""
     if solution.robust is not None:
+        kept = ", edges kept"
         outliers.append(("outliers", f"{int(solution.is_outlier.sum())}"))
     return [
         ("nodes", f"{solution.graph.num_nodes}"),
         ("edges", f"{solution.graph.num_edges}"),
         *outliers,
         ("components", f"{solution.num_components}"),
-        ("median residual", f"{median:.3g}°"),
-        ("95 % below", f"{high:.3g}°"),
-        ("largest", f"{degrees.max():.3g}°"),
+        (f"median residual{kept}", f"{median:.3g}°"),
+        (f"95 % below{kept}", f"{high:.3g}°"),
+        (f"largest{kept}", f"{largest:.3g}°"),
         ("weighted objective" if outliers else "objective", f"{solution.objective:.6g}"),
         ("time", f"{solution.timings.total:.3g} s"),
     ]

@@ -120,11 +120,12 @@ def components(solution: Solution, limit: int = 100) -> Table:
         objective += np.bincount(label, prior_costs(solution), count)
         gauge = "Component 1 is in the world of the priors. " + gauge.replace("each", "each other")
     degrees = np.degrees(solution.residual_angles)
+    kept = ~solution.is_outlier if solution.robust is not None else np.ones(len(degrees), bool)
     first = np.unique(label, return_index=True)[1]
     edges_of = rows_by_label(of_edge, count)
     rows = []
     for k in np.argsort(-nodes, kind="stable")[:limit].tolist():
-        own = degrees[edges_of[k]]
+        own = degrees[edges_of[k][kept[edges_of[k]]]]
         residuals: list[Cell] = ["", ""]
         if len(own) > 0:
             residuals = [float(np.median(own)), float(own.max())]
@@ -132,7 +133,8 @@ def components(solution: Solution, limit: int = 100) -> Table:
         rows.append([*row, str(graph.nodes[first[k]].item())])
     shown = f"All {count}" if count <= limit else f"The {limit} largest of {count}"
     return Table(
-        f"{shown} components. {gauge}",
+        f"{shown} components. {gauge}"
+        + ("" if kept.all() else " Residuals are those of the edges that were kept."),
         [
             "component", "nodes", "edges", "objective", "median residual [deg]",
             "largest residual [deg]", "first node",

@@ -43,10 +43,13 @@ def statement(solution: Solution) -> Statement:
     if certificate is None:
         return _without_certificate(solution)
     held = of_what(solution)
-    held += ", for the final weights of the edges" if is_reweighted(solution) else ""
     priors = "" if solution.grounded is None else " and priors"
+    fitted = f"these measurements{priors}"
     doubts = _doubts(solution)
     but = f"; but {', '.join(doubts)}" if doubts else ""
+    if solution.robust is not None:
+        held += f", for the least squares on the edges it kept{priors}"
+        fitted, but = "these", f"; {rejected(solution.robust)}{but}"
     if certificate.verdict == Verdict.PROVED:
         how = _PROOFS.get(certificate.method, certificate.method)
         if certificate.method == "factorization":
@@ -58,9 +61,8 @@ def statement(solution: Solution) -> Statement:
         )
         return Statement(
             "open" if doubts else "proved",
-            f"Proved{held}{chance}: no other rotations fit these measurements{priors} better{but}.",
+            f"Proved{held}{chance}: no other rotations fit {fitted} better{but}.",
             (
-                *_rejected(solution),
                 f"{_gap(certificate)}, by {how}, with rounding accounted for.",
                 *_reservations(solution),
             ),
@@ -71,7 +73,6 @@ def statement(solution: Solution) -> Statement:
             f"Very probably optimal{held}: an eigenvalue estimate found no better answer{but}. "
             "This is not a proof.",
             (
-                *_rejected(solution),
                 f"{_gap(certificate)}, if the estimate is right.",
                 *_reservations(solution),
             ),

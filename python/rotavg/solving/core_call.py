@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
 from rotavg.base.arrays import as_floats
-from rotavg.base.errors import GraphError, OptionError, SolverError
+from rotavg.base.errors import GraphError, OptionError, SolverError, expect
 from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving.online import OnlineSolution
@@ -26,8 +26,7 @@ def call_core(
     graph: MeasurementGraph, function: Callable[..., _Result], *args: Any, **settings: Any
 ) -> _Result:
     """Call the core for a graph; it refuses matrices that are no rotations, and unknown options."""
-    if not isinstance(graph, MeasurementGraph):
-        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
+    expect(graph, MeasurementGraph)
     try:
         return function(graph._core, *args, **settings)
     except _core.InvalidRotation as error:
@@ -43,8 +42,7 @@ def node_rotations(
     graph: MeasurementGraph, rotations: NodeRotations, name: str
 ) -> NDArray[np.float64]:
     """(n, 3, 3) in the order of the graph's nodes; GraphError names what is missing."""
-    if not isinstance(graph, MeasurementGraph):
-        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
+    expect(graph, MeasurementGraph)
     if isinstance(rotations, (Solution, OnlineSolution)):
         ids, given = rotations.nodes, rotations.rotations
     elif isinstance(rotations, Mapping):

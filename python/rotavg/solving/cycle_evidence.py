@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rotavg import _core
 from rotavg.base.arrays import ReadOnly, read_only
-from rotavg.base.errors import GraphError, OptionError
+from rotavg.base.errors import OptionError, expect
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving import options
 from rotavg.solving.unchecked import bridges
@@ -62,8 +62,7 @@ def cycle_evidence(
     Raises:
         OptionError: for a threshold that is no angle, or less than one cycle.
     """
-    if not isinstance(graph, MeasurementGraph):
-        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
+    expect(graph, MeasurementGraph)
     if not (isinstance(threshold, (int, float, np.number)) and 0 <= threshold <= np.pi):
         raise OptionError(f"threshold is {threshold!r}; expected an angle in radians, 0 to pi")
     least = options.whole("min_cycles", min_cycles, 1, 2**31 - 1)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg.base.arrays import read_only
+from rotavg.base.errors import expect
 from rotavg.solving.costs import edge_costs, prior_costs
 from rotavg.solving.solution import Solution
 
@@ -127,4 +128,5 @@ class Diagnosis:
 
 def diagnose(solution: Solution) -> Diagnosis:
     """Tell what every node, frame and sensor adds to the objective, and which edges contradict."""
+    expect(solution, Solution)
     return Diagnosis(solution)

@@ -14,7 +14,7 @@ from rotavg.base.errors import GraphError, OptionError
 from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.grounded import cameras_of
-from rotavg.priors.priors import Priors, Rigs
+from rotavg.priors.priors import Priors, Rigs, check_priors
 from rotavg.solving.robust import RobustFit
 from rotavg.solving.solution import Solution
 from rotavg.solving.solve import solve
@@ -178,6 +178,7 @@ def solve_headings(graph: MeasurementGraph, priors: Priors, **settings: Any) -> 
             raise OptionError(f"{name} is not possible where headings alone are free")
     if not isinstance(settings.get("init", "auto"), str):
         raise OptionError("init: rotations are no start where headings alone are free")
+    check_priors(priors)
     if priors.fixed or priors.absolute:
         raise GraphError("headings alone: expected gravity, and perhaps calibrated rigs")
     rigs, gravity = _of_frames(graph, priors)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg.base.arrays import as_floats
-from rotavg.base.errors import GraphError, OptionError
+from rotavg.base.errors import GraphError, OptionError, expect
 from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 
@@ -25,8 +25,7 @@ def known_edges(
 
     Raises GraphError for what does not fit the graph, OptionError for what the loss has no use for.
     """
-    if not isinstance(graph, MeasurementGraph):
-        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
+    expect(graph, MeasurementGraph)
     robust = {"trusted": trusted, "edge_scales": edge_scales, "initial_weights": initial_weights}
     for name, value in robust.items():
         if value is not None and loss == "l2":

@@ -66,6 +66,14 @@ def word(name: str, value: str) -> str:
     return value
 
 
+def loss(value: str) -> str:
+    """Any name of a loss, as above; of a function it is told where to go with it."""
+    if callable(value):
+        hint = "one of your own is reweighted least squares, a dozen lines: docs/own_methods.md"
+        raise OptionError(f"loss is a function; expected the name of a loss ({hint})")
+    return word("loss", value)
+
+
 def whole(name: str, value: int, low: int, high: int) -> int:
     """A whole number in [low, high]."""
     if not (isinstance(value, (int, np.integer)) and low <= value <= high):

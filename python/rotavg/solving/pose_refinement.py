@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rotavg import _core
 from rotavg.base.arrays import read_only
-from rotavg.base.errors import GraphError, OptionError
+from rotavg.base.errors import OptionError, expect
 from rotavg.graph.conventions import matrices_from_rotvecs, quaternions_from_matrices
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.node_mapping import NodeMapping
@@ -107,8 +107,7 @@ def refine_poses(
         MissingExtraError: SciPy is not installed.
         SolverError: the numbers are too large or too far apart.
     """
-    if not isinstance(solution, Solution):
-        raise GraphError(f"found a {type(solution).__name__}, expected a Solution")
+    expect(solution, Solution)
     limit = options.whole("max_iterations", max_iterations, 0, 2**31 - 1)
     tolerance = options.nonnegative("tolerance", tolerance)
     if priors is None:

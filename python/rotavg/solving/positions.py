@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg.base.arrays import as_floats
-from rotavg.base.errors import GraphError, SolverError, require
+from rotavg.base.errors import GraphError, SolverError, expect, require
 from rotavg.graph.conventions import first_no_rotation
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import why_row_is_no_rotation
@@ -40,6 +40,7 @@ def positions(
         MissingExtraError: SciPy is not installed.
         SolverError: the numbers are too large or too far apart.
     """
+    expect(graph, MeasurementGraph)
     measured = graph.translations
     if measured is None:
         raise GraphError("the graph has no relative translations, so its nodes have no positions")

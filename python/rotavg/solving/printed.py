@@ -7,6 +7,7 @@ import numpy as np
 from rotavg.solving.certificate import Certificate, Verdict
 from rotavg.solving.contamination import contamination_of
 from rotavg.solving.gravity_weight import heavier_gravity
+from rotavg.solving.kept import median_high_largest
 from rotavg.solving.printed_robust import (
     doubts_of,
     proof_sentence,
@@ -88,14 +89,14 @@ def of_what(solution: Solved) -> str:
 
 
 def _figures(solution: Solved) -> Rows:
-    degrees = np.degrees(solution.residual_angles)
-    median, high = np.percentile(degrees, [50, 95])
+    median, high, largest = median_high_largest(solution)
+    kept = "" if solution.robust is None else " (of the edges it kept)"
     start = f"{solution.init}, {solution.iterations} iterations"
     return [
         ("objective", f"{solution.objective:.12g}{OF_COVARIANCES[solution.anisotropic]}"),
         (
             "residuals",
-            f"median {median:.3g} deg, 95 % below {high:.3g}, largest {degrees.max():.3g}",
+            f"median {median:.3g} deg, 95 % below {high:.3g}, largest {largest:.3g}{kept}",
         ),
         ("gradient", f"{solution.gradient_norm:.2g}, relative {solution.relative_gradient:.2g}"),
         ("method", f"{solution.reason or solution.method}; from {start}"),
@@ -111,6 +112,8 @@ def _what_holds(solution: Solved) -> Rows:
     if solution.grounded is not None:
         rows += solution.grounded.rows(solution.rotations, solution.certificate is not None)
         rows += _gravity(solution)
+    elif solution.rigs is None and (knows := getattr(solution.graph.source, "knows", "")):
+        rows.append(("not used", f"{knows}, which the graph's file has (rotavg.read_priors)"))
     if solution.rigs is not None:
         rows.append(("rigs", solution.rigs.sentence))
     return rows

@@ -10,7 +10,7 @@ from rotavg.base.arrays import read_only
 from rotavg.base.errors import GraphError
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.priors.grounded import Grounded, ground
-from rotavg.priors.priors import Priors
+from rotavg.priors.priors import Priors, check_priors
 from rotavg.priors.rigs import RigFit, Sensors, is_rigs, sensors_of
 from rotavg.solving.certificate import certificate_from_core
 from rotavg.solving.core_call import call_core
@@ -39,6 +39,8 @@ class Problem:
     @classmethod
     def of(cls, graph: MeasurementGraph, priors: Priors | None) -> Problem:
         """GraphError for priors that do not fit the graph."""
+        if priors is not None:
+            check_priors(priors)
         if priors is not None and is_rigs(priors):
             return cls(graph, priors, None, sensors_of(graph, priors))
         return cls(graph, priors, None if priors is None else ground(graph, priors), None)

@@ -131,7 +131,7 @@ def solve(
             second) than this.
         loss: "l2", or for data with outliers "auto" (the choice for most), "huber", "l1",
             "l_half", "cauchy", "geman_mcclure" or "tls" (truncated least squares), of the chord
-            2 sin(angle / 2) of every residual angle.
+            2 sin(angle / 2) of every residual angle. One of your own: docs/own_methods.md.
         loss_scale: where the loss begins to distrust, radians; "auto" for a multiple of the noise,
             which is estimated from the residuals. Priors have a scale of their own, always.
         cycle_threshold: with it, an edge is left out from the start if it has `min_cycles` or more
@@ -203,7 +203,7 @@ def solve(
             "certificate_max_flops", certificate_max_flops
         ),
         "callback": heeded(options.function(callback)),
-        "loss": options.word("loss", loss),
+        "loss": options.loss(loss),
         "loss_scale": options.angle("loss_scale", loss_scale, "auto"),
         "cycle_threshold": options.angle("cycle_threshold", cycle_threshold, None),
         "min_cycles": options.whole("min_cycles", min_cycles, 1, 2**31 - 1),

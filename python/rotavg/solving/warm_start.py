@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotavg import _core
-from rotavg.base.errors import GraphError
+from rotavg.base.errors import GraphError, expect
 from rotavg.graph.ids import IdArray, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 
@@ -35,8 +35,7 @@ def warm_start(
     Raises:
         GraphError: if the graph has none of the nodes, or for a matrix that is not a rotation.
     """
-    if not isinstance(graph, MeasurementGraph):
-        raise GraphError(f"found a {type(graph).__name__}, expected a MeasurementGraph")
+    expect(graph, MeasurementGraph)
     row = rows_of(graph.nodes, nodes)
     known = row >= 0
     if not known.any():
