@@ -17,7 +17,7 @@ from rotavg.cli.headings import check_heading_options, solve_upright
 from rotavg.cli.known_edges import KnownEdges, check_known_edges, read_known_edges
 from rotavg.cli.options import taken, typed
 from rotavg.cli.output import beside_files, print_json, print_notes, print_solution, print_text
-from rotavg.cli.poses import check_refinable
+from rotavg.cli.poses import Refinement, fit_of
 from rotavg.cli.priors import KnownNodes, check_prior_options, read_priors, with_doubts
 from rotavg.cli.progress import progress, working
 from rotavg.cli.reading import NAMES as READING
@@ -42,7 +42,6 @@ def solve(
     no_certify: bool,
     as_json: bool,
     headings: bool,
-    refine: bool,
     follow: bool,
     distributed: bool,
     scheduler: str | None,
@@ -69,10 +68,11 @@ def solve(
         output = settings["output"]
         return solve_in_parts(input_path, output, scheduler, parts, as_json, no_certify, settings)
     _translate(settings)
-    files = taken(SolveFiles, settings)
+    files, refinement = taken(SolveFiles, settings), taken(Refinement, settings)
     nodes, edges = taken(KnownNodes, settings), taken(KnownEdges, settings)
     _refuse_idle(settings, no_certify=no_certify)
     _check(settings, nodes, edges, headings)
+    refinement.check()
     files.check(input_path, [*nodes.paths, *edges.paths, *_further_inputs(settings)])
 
     start = time.perf_counter()
@@ -81,8 +81,7 @@ def solve(
     read_seconds = time.perf_counter() - start
     if not as_json:
         print_notes(graph)
-    if refine:
-        check_refinable(input_path, graph)
+    refinement.check_input(input_path, graph)
     graph = _read_what_is_known(graph, nodes, edges, settings, told=not as_json)
 
     settings.update(num_threads=threads, certify=not no_certify)
@@ -90,21 +89,23 @@ def solve(
 
     poses = None
     try:
-        if refine and not interrupted:
-            with working("refining poses"):
-                poses = rotavg.refine_poses(solution)
         if not interrupted:
+            poses = refinement.run(solution)
             files.write_covariances(solution)
     finally:  # what was solved is written, whether it has covariances or not
         files.write(solution, poses, input_path, read_seconds)
 
+    fit = None if interrupted else fit_of(solution, poses, files.output, files.output_format)
     with beside_files(*files.paths):
         if as_json:
-            print_json(summary(solution, read_seconds, time.perf_counter() - start, poses))
+            seconds = time.perf_counter() - start
+            print_json(summary(solution, read_seconds, seconds, poses, fit))
         else:
             print_solution(solution)
             if poses is not None:
                 print_text(f"  {'poses':<11} {poses}")
+            if fit is not None:
+                print_text(f"  {'positions':<11} {fit}")
             files.tell(solution)
     if interrupted:
         raise KeyboardInterrupt

@@ -126,6 +126,9 @@ def _poses(poses: rotavg.PoseSolution | None) -> dict[str, Any] | None:
         "chi2_start": poses.chi2_start,
         "status": poses.status.name.lower(),
         "iterations": poses.iterations,
+        "loss": poses.loss,
+        "loss_scale": None if poses.loss == "l2" else poses.loss_scale,
+        "outliers": int(poses.is_outlier.sum()),
     }
 
 
@@ -134,6 +137,7 @@ def summary(
     read: float,
     total: float,
     poses: rotavg.PoseSolution | None = None,
+    fit: rotavg.TranslationFit | None = None,
 ) -> dict[str, Any]:
     """Everything that `print(solution)` tells, and more digits of it.
 
@@ -142,6 +146,7 @@ def summary(
         read: seconds that reading took.
         total: seconds of everything.
         poses: what it was refined to.
+        fit: how well positions fit the translations.
     """
     c = solution.certificate
     return {
@@ -179,6 +184,7 @@ def summary(
         "diagnosis": _diagnosis(solution),
         "uncertainty": _uncertainty(solution),
         "poses": _poses(poses),
+        "translations": None if fit is None else fit.summary(),
         "notes": list(solution.graph.notes),
         "seconds": {
             "read": read,

@@ -113,7 +113,8 @@ def write(
 
     The new content appears all at once or not at all. A pose graph that was read from a file goes
     back into it: everything but the new poses stays as it was. Where it has translations, positions
-    are solved for (see `rotavg.positions`; needs SciPy).
+    are solved for (see `rotavg.positions`; needs SciPy), after a robust loss of the rotations with
+    what it has left of the edges.
 
     Args:
         path: the file; its name tells the format ("out.g2o", "out.txt", "out.csv", "out.npz" ...).
@@ -260,6 +261,11 @@ def warned_losses(
 ) -> tuple[str, ...]:
     """What `write` warns of where it writes this graph."""
     return _lost(_output(path, format)[1], graph)
+
+
+def has_positions(path: str | os.PathLike[str], format: str | None = None) -> bool:
+    """Whether `write` puts the positions of a solution into this file."""
+    return _output(path, format)[1].has_positions
 
 
 def _lost_ids(form: Format, graph: MeasurementGraph) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io import bulk
 from rotavg.io.dialects import G2O_2D, G2O_3D, TORO_2D, TORO_3D, Dialect
 from rotavg.io.lines import exactly
-from rotavg.io.registry import SolutionLike, Writable, refined_positions
+from rotavg.io.registry import SolutionLike, Writable, refined_positions, robust_shares
 from rotavg.solving.anchors import in_gauge_of
 from rotavg.solving.positions import positions
 
@@ -119,7 +119,7 @@ def _write(path: Path, item: Writable, dialects: tuple[Dialect, Dialect]) -> byt
     if not isinstance(item, MeasurementGraph):
         where = refined_positions(item)
         if where is None:
-            where = _positions(path, graph, item.rotations, {})
+            where = _positions(path, item, item.rotations, {})
         translations = np.zeros((graph.num_nodes, 3)) if where is None else where
         poses = _numbers(path, dialect, translations, item.rotations)
         vertices = dict(zip(graph.nodes.tolist(), poses))
@@ -189,7 +189,7 @@ def _new_vertices(
     if refined is not None:
         where: Floats | None = _turned(graph, solution.rotations, rotations, refined, known)
     else:
-        where = _positions(path, graph, rotations, known)
+        where = _positions(path, solution, rotations, known)
     kept = dialect.dimension if where is None else 0
     translations = np.zeros((graph.num_nodes, 3)) if where is None else where
     return dict(zip(ids, _numbers(path, dialect, translations, rotations))), kept
@@ -212,12 +212,13 @@ def _turned(
 
 
 def _positions(
-    path: Path, graph: MeasurementGraph, rotations: Floats, known: dict[int, Floats]
+    path: Path, solution: SolutionLike, rotations: Floats, known: dict[int, Floats]
 ) -> Floats | None:
-    if graph.translations is None:
+    if solution.graph.translations is None:
         return None
     try:
-        return positions(graph, rotations, fixed=known)
+        shares = robust_shares(solution)
+        return positions(solution.graph, rotations, fixed=known, edge_shares=shares)
     except (MissingExtraError, SolverError) as error:
         warnings.warn(
             f"{path}: only the rotations are new; the translations do not fit them ({error})",

@@ -17,6 +17,7 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import RotationReader
 from rotavg.io.lines import BYTE_ORDER_MARK
 from rotavg.io.streams import STDIN, read_all
+from rotavg.solving.positions import positions
 
 
 @runtime_checkable
@@ -48,6 +49,22 @@ def components_to_tell(solution: SolutionLike) -> list[int]:
 def refined_positions(solution: SolutionLike) -> NDArray[Any] | None:
     """(n, 3) of a solution that was refined together with its positions; None of another."""
     return getattr(solution, "positions", None)
+
+
+def robust_shares(solution: SolutionLike) -> NDArray[Any] | None:
+    """(m,) what a robust loss has left of the edges; None of what knows of no loss."""
+    return getattr(solution, "edge_shares", None)
+
+
+def positions_of(solution: SolutionLike) -> NDArray[Any] | None:
+    """(n, 3): those that were refined, or that fit; None where the graph has no translations.
+
+    Raises what `rotavg.positions` raises.
+    """
+    where = refined_positions(solution)
+    if where is not None or solution.graph.translations is None:
+        return where
+    return positions(solution.graph, solution.rotations, edge_shares=robust_shares(solution))
 
 
 Writable = Union[MeasurementGraph, SolutionLike]
@@ -99,6 +116,7 @@ class Format:
         has_components: whether a solution's file tells which node is in which component.
         has_covariances: whether a graph's file holds the covariances of the edges.
         has_translations: whether a graph's translations can be written.
+        has_positions: whether a solution is written with positions.
         puts_back: whether a solution goes back into the file that its graph came from.
         magic: a beginning that tells that the reader opens the file itself.
         main_file: of a format that is a folder, the file in it that is read.
@@ -121,6 +139,7 @@ class Format:
     has_components: bool = False
     has_covariances: bool = False
     has_translations: bool = False
+    has_positions: bool = False
     puts_back: bool = False
     magic: bytes = b""
     main_file: str = ""
