@@ -70,7 +70,7 @@ def solve(
     _translate(settings)
     files, refinement = taken(SolveFiles, settings), taken(Refinement, settings)
     nodes, edges = taken(KnownNodes, settings), taken(KnownEdges, settings)
-    _refuse_idle(settings, no_certify=no_certify)
+    _refuse_idle(settings, no_certify=no_certify, pose_loss=refinement.pose_loss)
     _check(settings, nodes, edges, headings)
     refinement.check()
     files.check(input_path, [*nodes.paths, *edges.paths, *_further_inputs(settings)])
@@ -150,15 +150,17 @@ def _check(settings: dict[str, Any], nodes: KnownNodes, edges: KnownEdges, headi
         check_heading_options(nodes.gravity_path)
 
 
-def _refuse_idle(settings: dict[str, Any], *, no_certify: bool) -> None:
+def _refuse_idle(settings: dict[str, Any], *, no_certify: bool, pose_loss: str) -> None:
     """UsageError for an option that was typed and would do nothing."""
     has_scale = settings["loss"] != "l2" or settings["loss_scale"] == "auto"
     # What each needs, and whether that is there.
+    rejects = settings["loss"] != "l2" or "cycle_threshold" in settings or pose_loss != "l2"
     needs = {
         "mu": ("--method sum", settings["method"] == "sum"),
         "accelerate": ("--method bcd or sum", settings["method"] in ("bcd", "sum")),
         "seed": ("--init random", settings["init"] == "random"),
         "loss_scale": ("--loss, which is not given or l2", has_scale),
+        "drop_outliers": ("a robust --loss or --pose-loss", rejects),
         "min_cycles": ("--cycle-threshold, which is not given", "cycle_threshold" in settings),
     }
     for name, option in typed().items():

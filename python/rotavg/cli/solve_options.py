@@ -45,6 +45,7 @@ GROUPS = {
     "Outliers": (
         *("loss", "loss_scale", "weight_kind", "cycle_threshold", "min_cycles"),
         *("trusted_path", "trust_odometry", "excluded_path"),
+        "drop_outliers",
     ),
     "Many machines": ("distributed", "scheduler", "parts"),
     "As data come in": ("follow",),
@@ -121,6 +122,12 @@ _OPTIONS: tuple[Callable[[Any], Any], ...] = (
         "which miss the identity by more than this.",
     ),
     known_edge_options,
+    click.option(
+        "--drop-outliers",
+        is_flag=True,
+        help="Leave rejected edges, also those of --pose-loss, out of the pose graph that -o "
+        "writes.",
+    ),
     click.option(
         "--edges",
         "edges_path",

@@ -27,7 +27,7 @@ from rotavg.graph.nearest import nearest_rotation
 from rotavg.io.absolute import AbsoluteRotations, RotationReader
 from rotavg.io.json_data import entries, member, numbers, parsed, whole
 from rotavg.io.measured_poses import Places, measured_poses
-from rotavg.io.registry import Format, ReadOptions, Writable, positions_of
+from rotavg.io.registry import Format, ReadOptions, Writable, edges_to_write, positions_of
 from rotavg.io.rounding import matrix_notes
 
 Floats = NDArray[np.float64]
@@ -101,6 +101,7 @@ def write_open3d(path: Path, item: Writable) -> bytes:
     nodes: list[Any] = [None] * n
     for node, pose in zip(number.tolist(), poses):
         nodes[node] = {**_header("PoseGraphNode"), "pose": _columns(pose)}
+    graph = edges_to_write(item)
     relative = np.tile(np.eye(4), (graph.num_edges, 1, 1))
     relative[:, :3, :3] = graph.rotations
     if graph.translations is not None:

@@ -67,6 +67,38 @@ def positions_of(solution: SolutionLike) -> NDArray[Any] | None:
     return positions(solution.graph, solution.rotations, edge_shares=robust_shares(solution))
 
 
+class WithoutOutliers:
+    """A solution that is written with the edges that were not rejected alone."""
+
+    def __init__(self, solution: SolutionLike, kept: MeasurementGraph) -> None:
+        self._solution, self.kept = solution, kept
+
+    @property
+    def graph(self) -> MeasurementGraph:
+        """The graph that was solved: positions and gauge are those of all of it."""
+        return self._solution.graph
+
+    @property
+    def rotations(self) -> NDArray[Any]:
+        """(n, 3, 3), world_from_node."""
+        return self._solution.rotations
+
+    @property
+    def quaternions(self) -> NDArray[Any]:
+        """(n, 4), the same as xyzw."""
+        return self._solution.quaternions
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._solution, name)
+
+
+def edges_to_write(item: Writable) -> MeasurementGraph:
+    """The graph whose edges are written."""
+    if isinstance(item, MeasurementGraph):
+        return item
+    return item.kept if isinstance(item, WithoutOutliers) else item.graph
+
+
 Writable = Union[MeasurementGraph, SolutionLike]
 Content = Union[bytes, Mapping[Path, bytes]]  # of the file itself, or of several files
 

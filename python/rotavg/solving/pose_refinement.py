@@ -83,6 +83,15 @@ class PoseSolution(NodeMapping):
         """(m,) of which edges the loss has left less than half."""
         return read_only(self.edge_shares < 0.5)
 
+    @property
+    def inlier_graph(self) -> MeasurementGraph:
+        """The graph of all nodes, without these edges and those that are outliers in `solution`.
+
+        Raises GraphError if no edge is left.
+        """
+        dropped = self.is_outlier | self.solution.is_outlier
+        return self.graph.edge_subgraph(~dropped) if dropped.any() else self.graph
+
     @cached_property
     def translation_fit(self) -> TranslationFit:
         """How well the positions fit the translations of the edges that are no outliers."""

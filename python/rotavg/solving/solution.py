@@ -128,6 +128,11 @@ class Solution(NodeMapping):
         """(m,) whether the edge's verdict is that of an outlier."""
         return read_only(~np.isin(self.edge_verdicts, ("inlier", "bridge", "trusted")))
 
+    @property
+    def inlier_graph(self) -> MeasurementGraph:
+        """The graph of all nodes, without the edges that are outliers; GraphError if all are."""
+        return self.graph.edge_subgraph(~self.is_outlier) if self.is_outlier.any() else self.graph
+
     @cached_property
     def is_unchecked(self) -> NDArray[np.bool_]:
         """(m,) whether outliers alone check the edge: all cycles through it pass through some.
