@@ -81,6 +81,7 @@ if TYPE_CHECKING:
     from rotavg.simulation.simulate import Simulation, simulate
     from rotavg.solving.pose_refinement import PoseSolution, refine_poses
     from rotavg.solving.positions import positions
+    from rotavg.solving.translation_fit import TranslationFit, translation_fit
 
 # What not every program needs is imported at its first use: reading alone is half of the modules.
 _AT_FIRST_USE = {
@@ -105,6 +106,8 @@ _AT_FIRST_USE = {
     "PoseSolution": "rotavg.solving.pose_refinement",
     "refine_poses": "rotavg.solving.pose_refinement",
     "positions": "rotavg.solving.positions",
+    "TranslationFit": "rotavg.solving.translation_fit",
+    "translation_fit": "rotavg.solving.translation_fit",
 }
 
 
@@ -163,6 +166,7 @@ __all__ = [
     "SuggestedReading",
     "Timings",
     "Trace",
+    "TranslationFit",
     "UnknownNodeError",
     "Verdict",
     "__version__",
@@ -187,6 +191,7 @@ __all__ = [
     "solve",
     "solve_headings",
     "suggest_reading",
+    "translation_fit",
     "write",
     "write_covariances",
     "write_diagnostics",

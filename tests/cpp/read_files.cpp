@@ -2,7 +2,7 @@
 // tests/python/test_io_cpp.py, which compares with what the Python package reads. FORMAT is g2o,
 // text or csv, with letters behind a colon: u unit weights, s skip self edges, v vision family,
 // r rotations of nodes, w what was read is written anew, p the g2o file with the shortest paths'
-// rotations.
+// rotations, and the positions that fit them (k: and the positions that it has).
 
 #include <array>
 #include <cstdio>
@@ -63,10 +63,11 @@ void read(const std::string& format, const std::string& letters, const std::stri
   if (format == "g2o") {
     const io::PoseFile file = io::read_g2o(path, options);
     if (has('w')) return print_text(io::to_g2o(file.graph()));
-    if (!has('p')) return print(file);
+    if (!has('p') && !has('k')) return print(file);
     const rotavg::MeasurementGraph graph = file.graph();
     const rotavg::Components components = rotavg::connected_components(graph);
-    print_text(io::to_g2o(file, rotavg::shortest_path_init(graph), components));
+    const auto which = has('k') ? io::VertexPositions::kept : io::VertexPositions::fitted;
+    print_text(io::to_g2o(file, rotavg::shortest_path_init(graph), components, which));
   } else if (has('r')) {
     print(csv ? io::read_csv_rotations(path, options) : io::read_text_rotations(path, options));
   } else {

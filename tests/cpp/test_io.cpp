@@ -13,6 +13,7 @@
 #include <rotavg/io/numbers.hpp>
 #include <rotavg/io/source.hpp>
 #include <rotavg/io/text.hpp>
+#include <rotavg/poses/positions.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/so3/lie.hpp>
 
@@ -125,6 +126,8 @@ TEST_CASE("a pose graph: weights, vertices, what is fixed, and what is told") {
   REQUIRE(file.precisions.size() == 3);
   CHECK(file.precisions[2] == omega);
   CHECK(file.translations[1] == Vector3(1, 0, 0));
+  REQUIRE(file.translation_information.size() == 3);
+  CHECK(file.translation_information[1] == 4.0 * Matrix3::Identity());
   REQUIRE(file.vertices.size() == 1);
   CHECK(file.vertices[0].position == Vector3(1, 2, 3));
   REQUIRE(file.fixed.size() == 1);
@@ -139,6 +142,32 @@ TEST_CASE("a pose graph: weights, vertices, what is fixed, and what is told") {
   io::ReadOptions options;
   options.unit_weights = true;
   CHECK(g2o_of(ring, options).measurements[2].weight == 1.0);
+}
+
+TEST_CASE("what a pose graph says of translations") {
+  // Rows of the upper triangle: x y z, and three columns about the rotation.
+  const io::PoseFile space = g2o_of(
+      "EDGE_SE3:QUAT 1 2 1 0 0 0 0 0 1 10 1 2 .1 .1 .1 20 3 .1 .1 .1 30 .1 .1 .1 2 0 0 2 0 2\n");
+  Matrix3 expected;
+  expected << 10, 1, 2, 1, 20, 3, 2, 3, 30;
+  REQUIRE(space.translation_information.size() == 1);
+  CHECK(space.translation_information[0] == expected);
+  const io::PoseFile plane = g2o_of("EDGE_SE2 1 2 1 0 0.5 10 1 2 30 3 7\n");
+  expected << 10, 1, 0, 1, 30, 0, 0, 0, 20;
+  CHECK(plane.translation_information[0] == expected);
+  CHECK(g2o_of("EDGE_SE2 1 2 0 0 0.5 10 1 2 30 3 7\n").translation_information.empty());
+  const io::PoseFile bad =
+      g2o_of("EDGE_SE2 1 2 1 0 0.5 1 0 0 1 0 7\nEDGE_SE2 2 3 1 0 0.5 1 2 0 1 0 7\n");
+  CHECK(bad.translations.empty());
+  CHECK(bad.translation_information.empty());
+  REQUIRE(bad.notes.size() == 1);
+  CHECK(bad.notes[0] ==
+        "translations not used: the information about them is not positive definite (edge 1)");
+  io::ReadOptions options;
+  options.unit_weights = true;
+  const io::PoseFile bare = g2o_of("EDGE_SE2 1 2 1 0 0.5\n", options);
+  CHECK(bare.translations.size() == 1);
+  CHECK(bare.translation_information.empty());
 }
 
 TEST_CASE("a solution goes back into its pose graph; all other bytes stay") {
@@ -158,10 +187,26 @@ TEST_CASE("a solution goes back into its pose graph; all other bytes stay") {
   CHECK(written[0] == file.fixed[0].world_from_node);
   CHECK(objective(graph, written) == doctest::Approx(objective(graph, R)).epsilon(1e-13));
 
-  const std::vector<Vector3> positions{{9, 9, 9}, {4, 0, 0}, {0, 5, 0}};
-  const io::PoseFile moved = g2o_of(io::to_g2o(file, R, components, positions));
+  // Positions fit the rotations that are written, and no others.
+  const std::vector<Vector3> fitted =
+      positions(graph, written, file.translations, file.translation_information,
+                {{3, file.vertices[0].position}});
+  for (std::size_t k = 0; k < 3; ++k) {
+    CHECK((back.vertices[k].position - fitted[k]).norm() < 1e-12);
+  }
+  const io::PoseFile kept = g2o_of(io::to_g2o(file, R, components, io::VertexPositions::kept));
+  CHECK(kept.vertices[2].position == Vector3::Zero());
+
+  // Those of one's own turn and move with the rotations: distances and directions stay.
+  const std::vector<Vector3> own{{9, 9, 9}, {4, 0, 0}, {0, 5, 0}};
+  const io::PoseFile moved = g2o_of(io::to_g2o(file, R, components, own));
   CHECK(moved.vertices[0].position == Vector3(1, 2, 3));
-  CHECK(moved.vertices[2].position == positions[2]);
+  for (std::size_t k = 0; k < 3; ++k) {
+    const Vector3 before = R[0].transpose() * (own[k] - own[0]);
+    const Vector3 after = written[0].transpose() * (moved.vertices[k].position - Vector3(1, 2, 3));
+    CHECK((before - after).norm() < 1e-12);
+  }
+  CHECK_THROWS_AS(io::to_g2o(file, R, components, std::vector<Vector3>(2)), std::invalid_argument);
   CHECK_THROWS_AS(io::to_g2o(file, Rotations(2, Matrix3::Identity()), components),
                   std::invalid_argument);
 }

@@ -36,6 +36,7 @@ CPP_STRUCTS = (
     "io/node_table.hpp",
     "io/source.hpp",
     "io/text.hpp",
+    "io/vertex_poses.hpp",
     "robust/edge_knowledge.hpp",
     "robust/loss.hpp",
     "robust/rig_estimate.hpp",

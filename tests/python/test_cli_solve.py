@@ -14,6 +14,7 @@ import rotavg
 from rotavg.cli.solve import solve as solve_command
 from rotavg.graph.conventions import Convention
 from rotavg.io import FORMATS
+from rotavg.solving.pose_losses import PoseLoss
 from rotavg.solving.robust import Loss
 from rotavg.solving.solve import Gauge, Init, Method, Mu, Stop, WeightKind
 from test_cli import run
@@ -189,6 +190,7 @@ def test_the_command_offers_every_choice_of_the_library() -> None:
     choices = {"method": Method, "init": Init, "stop": Stop, "mu": Mu, "loss": Loss}
     choices["weight_kind"] = WeightKind
     choices["gauge"] = Gauge
+    choices["pose_loss"] = PoseLoss
     choices["convention"] = choices["fixed_convention"] = Convention
     expected = {name: get_args(words) for name, words in choices.items()}
     expected["format"] = tuple(form.name for form in FORMATS if form.read)

@@ -9,6 +9,7 @@ import pickle
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -207,11 +208,13 @@ def test_wrong_closures_are_left_out() -> None:
     assert online.verdict == "proved"
 
 
+INFORMATION = "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 4 0 0 4 0 4"
+
+
 def line(i: int, j: int, angle: float) -> str:
     """Of g2o, turned about z."""
-    information = "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 4 0 0 4 0 4"
     pose = f"0 0 0 0 0 {np.sin(angle / 2)} {np.cos(angle / 2)}"
-    return f"EDGE_SE3:QUAT {i} {j} {pose} {information}\n"
+    return f"EDGE_SE3:QUAT {i} {j} {pose} {INFORMATION}\n"
 
 
 LINES = [
@@ -283,7 +286,10 @@ def test_follow_names_the_line_that_is_wrong(tmp_path: Path, text: str, place: s
 def test_follow_refuses_what_it_cannot_do(tmp_path: Path) -> None:
     file = tmp_path / "robot.g2o"
     file.write_text("".join(LINES))
-    for more in (["-o", "x.g2o"], ["--loss", "auto"], ["--loss", "tls"], ["--method", "bcd"]):
+    for more in (["-o", "x.zzz"], ["--output-format", "csv"], ["--report", "x.html"]):
+        result = CliRunner().invoke(commands, ["solve", "--follow", str(file), *more])
+        assert result.exit_code != 0
+    for more in (["--loss", "auto"], ["--loss", "tls"], ["--method", "bcd"]):
         result = CliRunner().invoke(commands, ["solve", "--follow", str(file), *more])
         assert result.exit_code == 2
     robust = [*("--loss", "tls"), *("--loss-scale", "10")]
@@ -328,3 +334,127 @@ def test_an_online_graph_is_not_copied_and_its_solution_is() -> None:
             refused(online)
     solution = pickle.loads(pickle.dumps(online.solution))
     assert (solution.rotations == online.solution.rotations).all()
+
+
+def follow(*arguments: Any) -> Any:
+    words = ["solve", "--follow", *map(str, arguments)]
+    return CliRunner().invoke(commands, words, standalone_mode=False)
+
+
+@pytest.mark.parametrize("name", ["out.g2o", "out.csv", "out.tum", "out.npz"])
+def test_follow_writes_what_solve_writes(name: str, tmp_path: Path) -> None:
+    """The same poses, in the file's gauge; of a pose graph with the positions that fit."""
+    pytest.importorskip("scipy")
+    source = tmp_path / "in.g2o"
+    graph = rotavg.simulate("sphere", 60, noise=0.05, seed=2).graph
+    rng = np.random.default_rng(2)
+    moved = rotavg.RelativeTranslations(rng.normal(size=(graph.num_edges, 3)))
+    rotavg.write(
+        source,
+        rotavg.MeasurementGraph(graph.edges, graph.rotations, graph.weights, translations=moved),
+    )
+    source.write_text("# kept\n" + source.read_text() + "VERTEX_SE3:QUAT 3 1 2 3 0 0 0 1\nFIX 3\n")
+    done, expected = tmp_path / name, tmp_path / f"solve_{name}"
+    assert follow(source, "-o", done).exception is None
+    words = ["solve", str(source), "-o", str(expected)]
+    assert CliRunner().invoke(commands, words).exit_code == 0
+    ids, rotations = rotavg.read_rotations(done)
+    same, others = rotavg.read_rotations(expected)
+    assert ids.tolist() == same.tolist()
+    np.testing.assert_allclose(rotations, others, atol=1e-6)
+    if name == "out.g2o":
+        here, there = (path.read_text().splitlines() for path in (done, expected))
+        assert len(here) == len(there)
+        for a, b in zip(here, there):
+            if a.startswith("VERTEX"):
+                np.testing.assert_allclose(
+                    [float(x) for x in a.split()[1:]], [float(x) for x in b.split()[1:]], atol=1e-5
+                )
+            else:
+                assert a == b
+
+
+def test_follow_writes_after_ctrl_c(tmp_path: Path) -> None:
+    out = tmp_path / "out.csv"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rotavg", "solve", "--follow", "-", "-o", str(out)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    for text in (LINES[1], LINES[3]):
+        process.stdin.write(text)
+        process.stdin.flush()
+        process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert f"wrote {out}" in errors
+    assert "Traceback" not in errors
+    ids, rotations = rotavg.read_rotations(out)
+    assert ids.tolist() == [0, 1, 2]
+    np.testing.assert_allclose(rotations[0], np.eye(3), atol=1e-15)
+
+
+def test_follow_writes_what_stands_before_a_wrong_line(tmp_path: Path) -> None:
+    file, out = tmp_path / "in.g2o", tmp_path / "out.g2o"
+    file.write_text("".join([*LINES[:2], LINES[3], "EDGE_SE3:QUAT 0 x 0 0 0 0 0 0 1\n"]))
+    failed = follow(file, "-o", out)
+    assert isinstance(failed.exception, rotavg.FormatError)
+    assert failed.exception.line == 4
+    assert rotavg.read(out, unit_weights=True).num_edges == 2
+    # Lines that no file holds beside those before them.
+    file.write_text("".join([*LINES[:2], "EDGE_SE2 1 2 0 0 0.5 1 0 0 1 0 3\n"]))
+    failed = follow(file, "-o", out)
+    assert isinstance(failed.exception, rotavg.FormatError)
+    assert "expected EDGE_SE3:QUAT" in str(failed.exception)
+    assert follow(file).exception is None
+    # What nobody looks at is no reason to lose the solution.
+    file.write_text("".join([*LINES[1:], "VERTEX_SE3:QUAT 0 nonsense\n"]))
+    with pytest.warns(rotavg.IncompleteWarning, match="only the edges are kept"):
+        assert follow(file, "-o", out).exception is None
+    assert rotavg.read(out, unit_weights=True).num_edges == 3
+
+
+def test_follow_leaves_wrong_closures_out_of_positions(tmp_path: Path) -> None:
+    """With a robust loss; a closure whose rotation is wrong, and whose translation is far off."""
+    pytest.importorskip("scipy")
+    lines = [f"EDGE_SE3:QUAT {k} {k + 1} 1 0 0 0 0 0 1 {INFORMATION}\n" for k in range(5)]
+    lines += [f"EDGE_SE3:QUAT {k} {k + 2} 2 0 0 0 0 0 1 {INFORMATION}\n" for k in range(4)]
+    lines += [f"EDGE_SE3:QUAT 0 5 90 0 0 0 0 1 0 {INFORMATION}\n"]
+    file, out = tmp_path / "in.g2o", tmp_path / "out.g2o"
+    file.write_text("".join(lines))
+    assert follow(file, "-o", out, "--loss", "tls", "--loss-scale", 10).exception is None
+    places = {
+        int(line.split()[1]): float(line.split()[2])
+        for line in out.read_text().splitlines()
+        if line.startswith("VERTEX")
+    }
+    assert places[5] - places[0] == pytest.approx(5, abs=1e-6)
+
+
+def test_an_online_solution_is_a_mapping() -> None:
+    online = rotavg.Online()
+    online.add([("b", "a"), ("a", "c")], np.broadcast_to(np.eye(3), (2, 3, 3)))
+    solution = online.solution
+    assert isinstance(solution, Mapping)
+    assert list(solution) == solution.nodes.tolist() == ["b", "a", "c"]
+    assert len(solution) == 3
+    assert "a" in solution
+    assert "z" not in solution
+    for k, (node, R) in enumerate(solution.items()):
+        np.testing.assert_array_equal(R, solution.rotations[k])
+        np.testing.assert_array_equal(solution[node], R)
+    with pytest.raises(rotavg.UnknownNodeError, match="'z'"):
+        solution["z"]
+    np.testing.assert_array_equal(np.asarray(solution), solution.rotations)
+    assert solution.quaternions.tolist() == [[0, 0, 0, 1]] * 3
+    scipy = pytest.importorskip("scipy.spatial.transform")
+    assert isinstance(solution.to_scipy(), scipy.Rotation)
+    frame = pytest.importorskip("pandas") and solution.to_dataframe()
+    assert frame.index.tolist() == ["b", "a", "c"]
+    assert frame.columns.tolist() == ["qx", "qy", "qz", "qw"]
+    assert rotavg.compare(solution, solution).median == 0

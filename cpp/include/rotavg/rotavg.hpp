@@ -3,7 +3,7 @@
 /// rotavg: absolute rotations from relative ones, with a proof of optimality.
 /// Layers, each using only those before it:
 ///   types -> parallel, so3 -> linalg -> graph -> problem -> reduction -> init, certify -> solve ->
-///   robust, uncertainty, anisotropic -> online -> io, which is not included here
+///   robust, anisotropic -> uncertainty, poses -> online -> io, which is not included here
 
 // The entry points, and what they take and return.
 #include <rotavg/anisotropic/certify.hpp>
@@ -16,6 +16,7 @@
 #include <rotavg/graph/components.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/online/online.hpp>
+#include <rotavg/poses/positions.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/objective.hpp>
 #include <rotavg/reduction/grounded_graph.hpp>

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, Callable, TypeVar
 
 import click
 
 import rotavg
+from rotavg.cli.followed import Followed
 from rotavg.cli.options import typed
-from rotavg.cli.output import print_text
+from rotavg.cli.output import beside_files, print_text
+from rotavg.io import check_writable
 from rotavg.io.g2o_stream import edge_lines
 from rotavg.io.streams import open_input
 
@@ -19,7 +22,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 # The options of `rotavg solve` that it has a use for.
 KNOWN = {"input_path", "follow", "as_json", "unit_weights", "certificate_tolerance"}
-KNOWN |= {"tolerance", "loss", "loss_scale"}
+KNOWN |= {"tolerance", "loss", "loss_scale", "output", "output_format"}
 
 
 def follow_option(command: F) -> F:
@@ -30,7 +33,7 @@ def follow_option(command: F) -> F:
         help="Read the lines of a g2o file as they come (INPUT - is standard input), and print one "
         "line of JSON after every edge: the optimum so far, and whether it is proved. With it "
         "--tolerance is a part of the objective (1e-10 if none is given): what is proved to gain "
-        "less waits.",
+        "less waits. -o writes the last solution at the end, also after Ctrl-C.",
     )
     return option(command)
 
@@ -45,8 +48,15 @@ def check_follow_options() -> None:
 def follow_input(input_path: Path, settings: dict[str, Any], loss_scale: float | None) -> int:
     """Read, solve and print, edge by edge; the exit status.
 
+    The output has the last solution, also where a line is wrong or the user interrupts.
+
     Raises FormatError for the first line that is wrong; what was printed before it stands.
     """
+    output, form = settings["output"], settings["output_format"]
+    if form is not None and output is None:
+        raise click.UsageError("--output-format is for --output, which is not given")
+    if output is not None:
+        check_writable(output, form, solution=True, source=input_path)
     loss = settings["loss"]
     if loss == "auto":
         raise click.UsageError("--loss auto is not possible with --follow: name a loss")
@@ -59,24 +69,44 @@ def follow_input(input_path: Path, settings: dict[str, Any], loss_scale: float |
         loss=loss,
         loss_scale=loss_scale,
     )
+    followed = None if output is None else Followed(input_path, settings["unit_weights"])
     try:
-        with open_input(input_path) as file:
-            _follow(online, input_path, file, settings["unit_weights"])
+        with open_input(input_path) as file, beside_files(output):
+            _follow(online, input_path, file, settings["unit_weights"], followed)
     except OSError as error:
+        if isinstance(error, rotavg.Error):
+            raise
         reason = error.strerror or str(error)
         raise rotavg.FileAccessError(f"cannot be read: {reason}", path=input_path) from error
+    finally:
+        if followed is not None and online.num_nodes > 0:
+            rotavg.write(output, followed.solution(online), format=form)
+            click.echo(f"wrote {output}", err=True)
     if online.num_nodes == 0:
         raise rotavg.FormatError("there are no edges", path=input_path)
     return 0 if online.verdict == rotavg.Verdict.PROVED else 1
 
 
-def _follow(online: rotavg.Online, path: Path, file: BinaryIO, unit_weights: bool) -> None:
-    for step, edge in enumerate(edge_lines(path, iter(file.readline, b""), unit_weights), start=1):
+def _follow(
+    online: rotavg.Online,
+    path: Path,
+    file: BinaryIO,
+    unit_weights: bool,
+    followed: Followed | None,
+) -> None:
+    lines: Iterator[bytes] = iter(file.readline, b"")
+    if followed is not None:
+        lines = followed.remembered(lines)
+    for step, edge in enumerate(edge_lines(path, lines, unit_weights), start=1):
         began = time.perf_counter()
         try:
+            if followed is not None:
+                followed.check(edge)
             online.add(edge.ids, edge.rotations, edge.weights)
         except rotavg.GraphError as error:
             raise rotavg.FormatError(str(error), path=path, line=edge.line) from None
+        if followed is not None:
+            followed.add(edge)
         seconds = time.perf_counter() - began
         print_text(json.dumps(_state(online, step, edge.line, seconds)))
 

@@ -18,7 +18,7 @@ from rotavg.cli.known_edges import KnownEdges, check_known_edges, read_known_edg
 from rotavg.cli.losses import radians_of
 from rotavg.cli.options import taken, typed
 from rotavg.cli.output import beside_files, print_json, print_notes, print_solution, print_text
-from rotavg.cli.poses import check_refinable
+from rotavg.cli.poses import Refinement, fit_of
 from rotavg.cli.priors import KnownNodes, check_prior_options, read_priors, with_doubts
 from rotavg.cli.progress import progress, working
 from rotavg.cli.reading import NAMES as READING
@@ -43,7 +43,6 @@ def solve(
     no_certify: bool,
     as_json: bool,
     headings: bool,
-    refine: bool,
     follow: bool,
     distributed: bool,
     scheduler: str | None,
@@ -70,10 +69,11 @@ def solve(
         output = settings["output"]
         return solve_in_parts(input_path, output, scheduler, parts, as_json, no_certify, settings)
     _translate(settings)
-    files = taken(SolveFiles, settings)
+    files, refinement = taken(SolveFiles, settings), taken(Refinement, settings)
     nodes, edges = taken(KnownNodes, settings), taken(KnownEdges, settings)
-    _refuse_idle(settings, no_certify=no_certify)
+    _refuse_idle(settings, no_certify=no_certify, pose_loss=refinement.pose_loss)
     _check(settings, nodes, edges, headings)
+    refinement.check()
     files.check(input_path, [*nodes.paths, *edges.paths, *_further_inputs(settings)])
 
     start = time.perf_counter()
@@ -82,8 +82,7 @@ def solve(
     read_seconds = time.perf_counter() - start
     if not as_json:
         print_notes(graph)
-    if refine:
-        check_refinable(input_path, graph)
+    refinement.check_input(input_path, graph)
     graph = _read_what_is_known(graph, nodes, edges, settings, told=not as_json)
 
     settings.update(num_threads=threads, certify=not no_certify)
@@ -91,21 +90,23 @@ def solve(
 
     poses = None
     try:
-        if refine and not interrupted:
-            with working("refining poses"):
-                poses = rotavg.refine_poses(solution)
         if not interrupted:
+            poses = refinement.run(solution)
             files.write_covariances(solution)
     finally:  # what was solved is written, whether it has covariances or not
         files.write(solution, poses, input_path, read_seconds)
 
+    fit = None if interrupted else fit_of(solution, poses, files.output, files.output_format)
     with beside_files(*files.paths):
         if as_json:
-            print_json(summary(solution, read_seconds, time.perf_counter() - start, poses))
+            seconds = time.perf_counter() - start
+            print_json(summary(solution, read_seconds, seconds, poses, fit))
         else:
             print_solution(solution)
             if poses is not None:
                 print_text(f"  {'poses':<11} {poses}")
+            if fit is not None:
+                print_text(f"  {'positions':<11} {fit}")
             files.tell(solution)
     if interrupted:
         raise KeyboardInterrupt
@@ -135,15 +136,17 @@ def _check(settings: dict[str, Any], nodes: KnownNodes, edges: KnownEdges, headi
         check_heading_options(nodes.gravity_path)
 
 
-def _refuse_idle(settings: dict[str, Any], *, no_certify: bool) -> None:
+def _refuse_idle(settings: dict[str, Any], *, no_certify: bool, pose_loss: str) -> None:
     """UsageError for an option that was typed and would do nothing."""
     has_scale = settings["loss"] != "l2" or settings["loss_scale"] == "auto"
     # What each needs, and whether that is there.
+    rejects = settings["loss"] != "l2" or "cycle_threshold" in settings or pose_loss != "l2"
     needs = {
         "mu": ("--method sum", settings["method"] == "sum"),
         "accelerate": ("--method bcd or sum", settings["method"] in ("bcd", "sum")),
         "seed": ("--init random", settings["init"] == "random"),
         "loss_scale": ("--loss, which is not given or l2", has_scale),
+        "drop_outliers": ("a robust --loss or --pose-loss", rejects),
         "min_cycles": ("--cycle-threshold, which is not given", "cycle_threshold" in settings),
     }
     for name, option in typed().items():

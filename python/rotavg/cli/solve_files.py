@@ -22,6 +22,7 @@ class SolveFiles:
 
     output: Path | None
     output_format: str | None
+    drop_outliers: bool
     edges_path: Path | None
     diagnostics_path: Path | None
     covariances_path: Path | None
@@ -42,11 +43,19 @@ class SolveFiles:
             known: all other files that are read.
         """
         if self.output is not None:
-            check_writable(self.output, self.output_format, solution=True, source=input_path)
+            check_writable(
+                self.output,
+                self.output_format,
+                solution=True,
+                source=input_path,
+                drop_outliers=self.drop_outliers,
+            )
         if self.noise_variance is not None and self.covariances_path is None:
             raise click.UsageError("--noise-variance is for --covariances, which is not given")
         if self.output_format is not None and self.output is None:
             raise click.UsageError("--output-format is for --output, which is not given")
+        if self.drop_outliers and self.output is None:
+            raise click.UsageError("--drop-outliers is for --output, which is not given")
         if self.report is not None:
             check_report(self.report)
         tables = [self.edges_path, self.diagnostics_path, self.covariances_path]
@@ -74,7 +83,10 @@ class SolveFiles:
         """All others; `poses`, if there are any, instead of the rotations alone."""
         if self.output is not None:
             rotavg.write(
-                self.output, solution if poses is None else poses, format=self.output_format
+                self.output,
+                solution if poses is None else poses,
+                format=self.output_format,
+                drop_outliers=self.drop_outliers,
             )
         if self.edges_path is not None:
             rotavg.write_edges(self.edges_path, solution)

@@ -13,6 +13,7 @@ from rotavg.cli.follow import follow_option
 from rotavg.cli.known_edges import known_edge_options
 from rotavg.cli.losses import loss_options
 from rotavg.cli.options import choice, number
+from rotavg.cli.poses import pose_options
 from rotavg.cli.priors import prior_options
 from rotavg.cli.reading import reading_options
 from rotavg.cli.start import init_option
@@ -35,7 +36,7 @@ GROUPS = {
     ),
     "Which part": ("nodes_path", "largest_component", "min_nodes"),
     "Method": ("method", "init", "seed", "mu", "accelerate", "max_rank", "threads"),
-    "The answer": ("gauge", "refine"),
+    "The answer": ("gauge", "refine", "pose_loss", "pose_loss_scale"),
     "Prior knowledge": (
         *("fixed_path", "fixed_convention", "gravity_path", "gravity_weight"),
         *("headings", "rigs_path", "no_rigs"),
@@ -45,6 +46,7 @@ GROUPS = {
     "Outliers": (
         *("loss", "loss_scale", "weight_kind", "cycle_threshold", "min_cycles"),
         *("trusted_path", "trust_odometry", "excluded_path"),
+        "drop_outliers",
     ),
     "Many machines": ("distributed", "scheduler", "parts"),
     "As data come in": ("follow",),
@@ -110,6 +112,12 @@ _OPTIONS: tuple[Callable[[Any], Any], ...] = (
     ),
     known_edge_options,
     click.option(
+        "--drop-outliers",
+        is_flag=True,
+        help="Leave rejected edges, also those of --pose-loss, out of the pose graph that -o "
+        "writes.",
+    ),
+    click.option(
         "--edges",
         "edges_path",
         type=options.OUTPUT,
@@ -128,13 +136,7 @@ _OPTIONS: tuple[Callable[[Any], Any], ...] = (
         "first",
         "What is the identity: the first rotation or the mean.",
     ),
-    click.option(
-        "--refine-poses",
-        "refine",
-        is_flag=True,
-        help="Refine rotations and positions of a pose graph together, with the file's "
-        "information.",
-    ),
+    pose_options,
     click.option(
         "--covariances",
         "covariances_path",

@@ -130,6 +130,9 @@ def _poses(poses: rotavg.PoseSolution | None) -> dict[str, Any] | None:
         "chi2_start": poses.chi2_start,
         "status": poses.status.name.lower(),
         "iterations": poses.iterations,
+        "loss": poses.loss,
+        "loss_scale": None if poses.loss == "l2" else poses.loss_scale,
+        "outliers": int(poses.is_outlier.sum()),
     }
 
 
@@ -138,6 +141,7 @@ def summary(
     read: float,
     total: float,
     poses: rotavg.PoseSolution | None = None,
+    fit: rotavg.TranslationFit | None = None,
 ) -> dict[str, Any]:
     """Everything that `print(solution)` tells, and more digits of it.
 
@@ -146,6 +150,7 @@ def summary(
         read: seconds that reading took.
         total: seconds of everything.
         poses: what it was refined to.
+        fit: how well positions fit the translations.
     """
     c = solution.certificate
     return {
@@ -183,6 +188,7 @@ def summary(
         "diagnosis": _diagnosis(solution),
         "uncertainty": _uncertainty(solution),
         "poses": _poses(poses),
+        "translations": None if fit is None else fit.summary(),
         "notes": list(solution.graph.notes),
         "seconds": {
             "read": read,

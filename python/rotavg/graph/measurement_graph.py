@@ -23,7 +23,7 @@ from rotavg.graph.contents import (
 from rotavg.graph.conventions import Convention, QuaternionOrder
 from rotavg.graph.ids import IdArray, as_edges
 from rotavg.graph.nearest import TOLERANCE
-from rotavg.graph.selection import among, in_large, in_largest
+from rotavg.graph.selection import among, in_large, in_largest, marked
 from rotavg.graph.translations import RelativeTranslations
 
 
@@ -347,11 +347,21 @@ class MeasurementGraph:
         Raises GraphError for an unknown or repeated node, and where no edge is left.
         """
         rows, edges = among(nodes, self.nodes, self.indices)
+        return self._selected(edges, self.nodes[rows])
+
+    def edge_subgraph(self, edges: ArrayLike) -> MeasurementGraph:
+        """The graph of all nodes and of the edges (m,) that are marked True.
+
+        Raises GraphError for anything but m booleans, and where no edge is left.
+        """
+        return self._selected(marked(edges, self.num_edges), self.nodes)
+
+    def _selected(self, edges: NDArray[np.bool_], nodes: IdArray) -> MeasurementGraph:
         return MeasurementGraph(
             self.edges[edges],
             Quaternions(self._core.scaled_quaternions[edges]),
             self.weights[edges],
-            self.nodes[rows],
+            nodes,
             covariances=None if self.covariances is None else self.covariances[edges],
             translations=None if self.translations is None else self.translations.select(edges),
             source=None if self.source is None else self.source.select(edges),

@@ -18,20 +18,22 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 Id = Union[int, str]
 
 
-class NodeMapping(ReadOnly, Mapping[Id, NDArray[np.float64]]):
-    """What has a `graph` of n nodes and `rotations` (n, 3, 3), as a mapping.
+class IdMapping(ReadOnly, Mapping[Id, NDArray[np.float64]]):
+    """What has the ids of n `nodes` and their `rotations` (n, 3, 3), as a mapping.
 
-    The keys are the ids of the nodes, in the order of the graph; the values are matrices (3, 3),
-    world_from_node. Two are equal only if they are the same object.
+    The keys are the ids, in their order; the values are matrices (3, 3), world_from_node. Two are
+    equal only if they are the same object.
     """
 
-    graph: MeasurementGraph
     rotations: NDArray[np.float64]
 
-    @property
-    def nodes(self) -> IdArray:
+    def _ids(self) -> IdArray:
         """(n,) ids of the nodes, in the order of `rotations`."""
-        return self.graph.nodes
+        raise NotImplementedError
+
+    def _component(self) -> NDArray[np.int32] | None:
+        """(n,) label of each node's component; None where nobody knows."""
+        return getattr(self, "component", None)
 
     def __getitem__(self, node: Id) -> NDArray[np.float64]:
         """Rotation (3, 3), world_from_node, of the node with this id.
@@ -62,7 +64,7 @@ class NodeMapping(ReadOnly, Mapping[Id, NDArray[np.float64]]):
 
     @cached_property
     def _row_of(self) -> dict[Id, int]:
-        return {node: row for row, node in enumerate(self.graph.nodes.tolist())}
+        return {node: row for row, node in enumerate(self._ids().tolist())}
 
     def to_scipy(self) -> Any:
         """The rotations as a `scipy.spatial.transform.Rotation` of length n, world_from_node."""
@@ -71,11 +73,31 @@ class NodeMapping(ReadOnly, Mapping[Id, NDArray[np.float64]]):
     def to_dataframe(self) -> Any:
         """A `pandas.DataFrame` of the ids, qx qy qz qw (world_from_node, w >= 0), and `component`.
 
-        The ids are its index. Needs pandas, the extra [pandas].
+        The ids are its index; where components are not known, they are left out. Needs pandas, the
+        extra [pandas].
         """
         pandas = require("pandas", "pandas")
         quaternions = quaternions_from_matrices(self.rotations)
         columns: dict[str, Any] = {f"q{axis}": quaternions[:, k] for k, axis in enumerate("xyzw")}
-        label = getattr(self, "component", None)
-        columns["component"] = self.graph.components() if label is None else np.array(label)
-        return pandas.DataFrame(columns, index=pandas.Index(self.nodes.tolist(), name="id"))
+        label = self._component()
+        if label is not None:
+            columns["component"] = np.array(label)
+        return pandas.DataFrame(columns, index=pandas.Index(self._ids().tolist(), name="id"))
+
+
+class NodeMapping(IdMapping):
+    """The same of the nodes of a `graph`, in its order."""
+
+    graph: MeasurementGraph
+
+    @property
+    def nodes(self) -> IdArray:
+        """(n,) ids of the nodes, in the order of `rotations`."""
+        return self.graph.nodes
+
+    def _ids(self) -> IdArray:
+        return self.graph.nodes
+
+    def _component(self) -> NDArray[np.int32] | None:
+        label = super()._component()
+        return self.graph.components() if label is None else label

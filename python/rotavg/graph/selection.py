@@ -41,3 +41,12 @@ def among(
     if not edges.any():
         raise GraphError(f"no edge joins two of the {len(kept)} nodes of the subgraph")
     return rows, edges
+
+
+def marked(edges: ArrayLike, num_edges: int) -> NDArray[np.bool_]:
+    """Which edges (m,) are marked True; GraphError for anything but booleans."""
+    mask = np.asarray(edges)
+    if mask.dtype != np.bool_ or mask.shape != (num_edges,):
+        found = f"edges has shape {mask.shape} and type {mask.dtype}"
+        raise GraphError(f"{found}, expected booleans ({num_edges},)")
+    return mask

@@ -24,8 +24,7 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, distinct, read_fields
 from rotavg.io.colmap_database import ColmapImages
 from rotavg.io.lines import BYTE_ORDER_MARK, exactly, ids_of, is_number, shown
-from rotavg.io.registry import Format, Writable, refined_positions
-from rotavg.solving.positions import positions
+from rotavg.io.registry import Format, Writable, positions_of
 
 _COLUMNS = ("IMAGE_ID", "qw", "qx", "qy", "qz", "tx", "ty", "tz", "CAMERA_ID", "NAME")
 _TITLE = re.compile(rb"^#\s*IMAGE_ID, QW", re.MULTILINE)
@@ -62,9 +61,7 @@ def write_images(path: Path, item: Writable) -> bytes:
     graph = solution.graph
     R = convert_family(np.asarray(solution.rotations), COLMAP_IMAGES.convention)
     t = np.zeros((graph.num_nodes, 3))
-    where = refined_positions(solution)
-    if where is None and graph.translations is not None:
-        where = positions(graph, solution.rotations)
+    where = positions_of(solution)
     if where is not None:
         t = -np.einsum("nab,nb->na", R, where)
     names = [str(node) for node in graph.nodes.tolist()]
@@ -108,4 +105,5 @@ COLMAP_IMAGES = Format(
         recognises=lambda head: _TITLE.search(head) is not None,
         suffixes=("images.txt",),
     ),
+    has_positions=True,
 )

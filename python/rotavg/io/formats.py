@@ -32,7 +32,14 @@ from rotavg.io import (
     tum,
 )
 from rotavg.io.g2o_write import PoseFile
-from rotavg.io.registry import Format, ReadOptions, SolutionLike, Writable, components_to_tell
+from rotavg.io.registry import (
+    Format,
+    ReadOptions,
+    SolutionLike,
+    WithoutOutliers,
+    Writable,
+    components_to_tell,
+)
 
 # In the order in which they are asked whether they recognise a content: the vaguest come last.
 FORMATS: tuple[Format, ...] = (
@@ -111,19 +118,27 @@ def read(
 
 
 def write(
-    path: str | os.PathLike[str], graph_or_solution: Writable, *, format: str | None = None
+    path: str | os.PathLike[str],
+    graph_or_solution: Writable,
+    *,
+    format: str | None = None,
+    drop_outliers: bool = False,
 ) -> None:
     """Write a measurement graph, or a solution, to a file, replacing one that is there.
 
     The new content appears all at once or not at all. A pose graph that was read from a file goes
     back into it: everything but the new poses stays as it was. Where it has translations, positions
-    are solved for (see `rotavg.positions`; needs SciPy).
+    are solved for (see `rotavg.positions`; needs SciPy), after a robust loss of the rotations with
+    what it has left of the edges.
 
     Args:
         path: the file; its name tells the format ("out.g2o", "out.txt", "out.csv", "out.npz" ...).
             Of the solution of a COLMAP database it may be a folder, new or empty: a model.
         graph_or_solution: a MeasurementGraph or a Solution.
         format: the name of a format (docs/formats.md), whatever the file's name.
+        drop_outliers: leave the edges out of a pose graph (g2o, toro, open3d) that a robust loss
+            has rejected, of the rotations or of refined poses (`inlier_graph`). Poses are those
+            of the whole solution.
 
     Warns:
         IncompleteWarning: SciPy is missing, so that the translations in a pose graph's file stay
@@ -133,6 +148,7 @@ def write(
     Raises:
         FileAccessError: the file cannot be written, or the folder has other things in it; what was
             there before is untouched.
+        GraphError: outliers are to be dropped, and all edges are.
         FormatError: unknown format, or one that cannot hold this (say, names as ids in g2o).
         MissingExtraError: SciPy is missing, and the format (tum, colmap_images) has no other
             positions than those that are solved for.
@@ -145,6 +161,8 @@ def write(
     path, chosen = _output(path, format, is_solution and _is_of_database(graph_or_solution))
     chosen.check_writes(path, is_solution, FORMATS)
     assert chosen.write is not None
+    if drop_outliers:
+        graph_or_solution = _without_outliers(path, chosen, graph_or_solution)
     content = chosen.write(path, graph_or_solution)
     atomic.write_files({path: content} if isinstance(content, bytes) else content)
     if isinstance(graph_or_solution, MeasurementGraph):
@@ -161,16 +179,20 @@ def check_writable(
     *,
     solution: bool = False,
     source: Path | None = None,
+    drop_outliers: bool = False,
 ) -> None:
     """Raise what `write` would raise for this path, as far as it can be told before the work.
 
     `solution` says that it is a solution that will be written, not a graph; `source` where its
-    graph is from, a file that only a format that puts the solution back into it may replace.
+    graph is from, a file that only a format that puts the solution back into it may replace;
+    `drop_outliers` that it is written without these.
     """
     of_database = solution and source is not None and colmap_model.begins_as_database(source)
     path, chosen = _output(path, format, of_database)
     chosen.check_writes(path, solution, FORMATS)
     chosen.check_place(path, source)
+    if drop_outliers:
+        check_drops_outliers(path, chosen)
     if not chosen.puts_back:
         atomic.check_distinct([path], [source])
     new_folder = chosen.main_file and not path.parent.exists()
@@ -278,6 +300,37 @@ def warned_losses(
 ) -> tuple[str, ...]:
     """What `write` warns of where it writes this graph."""
     return _lost(_output(path, format)[1], graph)
+
+
+def check_drops_outliers(path: Path, form: Format) -> None:
+    """FormatError for a format whose files of solutions hold no edges."""
+    if form.has_positions and form.has_translations:
+        return
+    able = ", ".join(f.name for f in FORMATS if f.has_positions and f.has_translations)
+    raise FormatError(
+        f"outliers are to be left out, and {form.name} holds no edges: expected {able}", path=path
+    )
+
+
+def _without_outliers(path: Path, form: Format, item: Writable) -> Writable:
+    check_drops_outliers(path, form)
+    if isinstance(item, MeasurementGraph) or not hasattr(item, "inlier_graph"):
+        found = type(item).__name__
+        raise FormatError(f"found a {found} without outliers to drop, expected a Solution")
+    kept: MeasurementGraph = item.inlier_graph
+    parts, before = (int(g.components().max()) + 1 for g in (kept, item.graph))
+    if parts > before:
+        warnings.warn(
+            f"{path}: without the outliers the graph falls into {parts} parts (before {before})",
+            IncompleteWarning,
+            stacklevel=3,
+        )
+    return WithoutOutliers(item, kept)
+
+
+def has_positions(path: str | os.PathLike[str], format: str | None = None) -> bool:
+    """Whether `write` puts the positions of a solution into this file."""
+    return _output(path, format)[1].has_positions
 
 
 def _lost_ids(form: Format, graph: MeasurementGraph) -> tuple[str, ...]:

@@ -258,6 +258,7 @@ G2O = Format(
     rotations=RotationReader(
         (), read_vertices, lambda head: _G2O_TAG.search(head) is not None, (".g2o",)
     ),
+    has_positions=True,
 )
 TORO = Format(
     name="toro",
@@ -275,4 +276,5 @@ TORO = Format(
         lambda head: _TORO_TAG.search(head) is not None,
         (".graph", ".toro"),
     ),
+    has_positions=True,
 )

@@ -16,7 +16,13 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io import bulk
 from rotavg.io.dialects import G2O_2D, G2O_3D, TORO_2D, TORO_3D, Dialect
 from rotavg.io.lines import exactly
-from rotavg.io.registry import SolutionLike, Writable, refined_positions
+from rotavg.io.registry import (
+    SolutionLike,
+    Writable,
+    edges_to_write,
+    refined_positions,
+    robust_shares,
+)
 from rotavg.solving.anchors import in_gauge_of
 from rotavg.solving.positions import positions
 
@@ -119,12 +125,12 @@ def _write(path: Path, item: Writable, dialects: tuple[Dialect, Dialect]) -> byt
     if not isinstance(item, MeasurementGraph):
         where = refined_positions(item)
         if where is None:
-            where = _positions(path, graph, item.rotations, {})
+            where = _positions(path, item, item.rotations, {})
         translations = np.zeros((graph.num_nodes, 3)) if where is None else where
         poses = _numbers(path, dialect, translations, item.rotations)
         vertices = dict(zip(graph.nodes.tolist(), poses))
     text = [f"{_vertex(dialect, node, pose)}\n" for node, pose in vertices.items()]
-    return "".join(text).encode() + _edges(dialect, graph)
+    return "".join(text).encode() + _edges(dialect, edges_to_write(item))
 
 
 def _put_back(path: Path, source: PoseFile, item: Writable, graph: MeasurementGraph) -> bytes:
@@ -132,7 +138,9 @@ def _put_back(path: Path, source: PoseFile, item: Writable, graph: MeasurementGr
     vertices, kept = _isolated(dialect, graph), dialect.num_pose
     if not isinstance(item, MeasurementGraph):
         vertices, kept = _new_vertices(path, source, item)
-    written = {line: k for k, line in enumerate(source.edge_lines.tolist())}
+    edges = edges_to_write(item)
+    assert isinstance(edges.source, PoseFile)
+    written = {line: k for k, line in enumerate(edges.source.edge_lines.tolist())}
     missing = {node: pose for node, pose in vertices.items() if node not in source.vertices}
     # Tag, id and the numbers that stay; the numbers that change; the rest of the line.
     vertex_line = re.compile(
@@ -157,8 +165,8 @@ def _put_back(path: Path, source: PoseFile, item: Writable, graph: MeasurementGr
             k = written.get(line)
             if k is None:
                 continue
-            if graph.weights[k] != source.weights[k]:
-                text = _reweighted(dialect, text, float(graph.weights[k]))
+            if edges.weights[k] != edges.source.weights[k]:
+                text = _reweighted(dialect, text, float(edges.weights[k]))
         elif fields[:1] == [FIX]:
             text = _fix_line(text, source.nodes - nodes)
         out.append(text)
@@ -189,7 +197,7 @@ def _new_vertices(
     if refined is not None:
         where: Floats | None = _turned(graph, solution.rotations, rotations, refined, known)
     else:
-        where = _positions(path, graph, rotations, known)
+        where = _positions(path, solution, rotations, known)
     kept = dialect.dimension if where is None else 0
     translations = np.zeros((graph.num_nodes, 3)) if where is None else where
     return dict(zip(ids, _numbers(path, dialect, translations, rotations))), kept
@@ -212,12 +220,13 @@ def _turned(
 
 
 def _positions(
-    path: Path, graph: MeasurementGraph, rotations: Floats, known: dict[int, Floats]
+    path: Path, solution: SolutionLike, rotations: Floats, known: dict[int, Floats]
 ) -> Floats | None:
-    if graph.translations is None:
+    if solution.graph.translations is None:
         return None
     try:
-        return positions(graph, rotations, fixed=known)
+        shares = robust_shares(solution)
+        return positions(solution.graph, rotations, fixed=known, edge_shares=shares)
     except (MissingExtraError, SolverError) as error:
         warnings.warn(
             f"{path}: only the rotations are new; the translations do not fit them ({error})",

@@ -27,9 +27,8 @@ from rotavg.graph.nearest import nearest_rotation
 from rotavg.io.absolute import AbsoluteRotations, RotationReader
 from rotavg.io.json_data import entries, member, numbers, parsed, whole
 from rotavg.io.measured_poses import Places, measured_poses
-from rotavg.io.registry import Format, ReadOptions, Writable, refined_positions
+from rotavg.io.registry import Format, ReadOptions, Writable, edges_to_write, positions_of
 from rotavg.io.rounding import matrix_notes
-from rotavg.solving.positions import positions
 
 Floats = NDArray[np.float64]
 
@@ -96,14 +95,13 @@ def write_open3d(path: Path, item: Writable) -> bytes:
     poses = np.tile(np.eye(4), (n, 1, 1))
     if not isinstance(item, MeasurementGraph):
         poses[:, :3, :3] = item.rotations
-        where = refined_positions(item)
-        if where is None and graph.translations is not None:
-            where = positions(graph, np.asarray(item.rotations))
+        where = positions_of(item)
         if where is not None:
             poses[:, :3, 3] = where
     nodes: list[Any] = [None] * n
     for node, pose in zip(number.tolist(), poses):
         nodes[node] = {**_header("PoseGraphNode"), "pose": _columns(pose)}
+    graph = edges_to_write(item)
     relative = np.tile(np.eye(4), (graph.num_edges, 1, 1))
     relative[:, :3, :3] = graph.rotations
     if graph.translations is not None:
@@ -179,4 +177,5 @@ OPEN3D = Format(
     rotations=RotationReader(
         (), read_open3d_rotations, lambda head: _CLASS.search(head) is not None, (".json",)
     ),
+    has_positions=True,
 )

@@ -17,6 +17,7 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import RotationReader
 from rotavg.io.lines import BYTE_ORDER_MARK
 from rotavg.io.streams import STDIN, read_all
+from rotavg.solving.positions import positions
 
 
 @runtime_checkable
@@ -48,6 +49,54 @@ def components_to_tell(solution: SolutionLike) -> list[int]:
 def refined_positions(solution: SolutionLike) -> NDArray[Any] | None:
     """(n, 3) of a solution that was refined together with its positions; None of another."""
     return getattr(solution, "positions", None)
+
+
+def robust_shares(solution: SolutionLike) -> NDArray[Any] | None:
+    """(m,) what a robust loss has left of the edges; None of what knows of no loss."""
+    return getattr(solution, "edge_shares", None)
+
+
+def positions_of(solution: SolutionLike) -> NDArray[Any] | None:
+    """(n, 3): those that were refined, or that fit; None where the graph has no translations.
+
+    Raises what `rotavg.positions` raises.
+    """
+    where = refined_positions(solution)
+    if where is not None or solution.graph.translations is None:
+        return where
+    return positions(solution.graph, solution.rotations, edge_shares=robust_shares(solution))
+
+
+class WithoutOutliers:
+    """A solution that is written with the edges that were not rejected alone."""
+
+    def __init__(self, solution: SolutionLike, kept: MeasurementGraph) -> None:
+        self._solution, self.kept = solution, kept
+
+    @property
+    def graph(self) -> MeasurementGraph:
+        """The graph that was solved: positions and gauge are those of all of it."""
+        return self._solution.graph
+
+    @property
+    def rotations(self) -> NDArray[Any]:
+        """(n, 3, 3), world_from_node."""
+        return self._solution.rotations
+
+    @property
+    def quaternions(self) -> NDArray[Any]:
+        """(n, 4), the same as xyzw."""
+        return self._solution.quaternions
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._solution, name)
+
+
+def edges_to_write(item: Writable) -> MeasurementGraph:
+    """The graph whose edges are written."""
+    if isinstance(item, MeasurementGraph):
+        return item
+    return item.kept if isinstance(item, WithoutOutliers) else item.graph
 
 
 Writable = Union[MeasurementGraph, SolutionLike]
@@ -99,6 +148,7 @@ class Format:
         has_components: whether a solution's file tells which node is in which component.
         has_covariances: whether a graph's file holds the covariances of the edges.
         has_translations: whether a graph's translations can be written.
+        has_positions: whether a solution is written with positions.
         puts_back: whether a solution goes back into the file that its graph came from.
         magic: a beginning that tells that the reader opens the file itself.
         main_file: of a format that is a folder, the file in it that is read.
@@ -123,6 +173,7 @@ class Format:
     has_components: bool = False
     has_covariances: bool = False
     has_translations: bool = False
+    has_positions: bool = False
     puts_back: bool = False
     magic: bytes = b""
     main_file: str = ""

@@ -19,8 +19,7 @@ from rotavg.base.errors import FormatError
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, is_header, read_fields
 from rotavg.io.lines import content_lines, exactly, is_number, shown
-from rotavg.io.registry import Format, Writable, refined_positions
-from rotavg.solving.positions import positions
+from rotavg.io.registry import Format, Writable, positions_of
 
 _COLUMNS = ("timestamp", "x", "y", "z", "qx", "qy", "qz", "qw")
 _TITLE = re.compile(rb"^#\s*timestamp(\s+\S+){3}\s+qx\s+qy\s+qz\s+qw\s*$", re.MULTILINE)
@@ -55,9 +54,7 @@ def write_tum(path: Path, item: Writable) -> bytes:
         if not is_number(stamp.encode()) or not np.isfinite(float(stamp)):
             found = f"found the node {stamp!r}"
             raise FormatError(f"{found}, expected a number: it is the time stamp", path=path)
-    where = refined_positions(solution)
-    if where is None and graph.translations is not None:
-        where = positions(graph, solution.rotations)
+    where = positions_of(solution)
     if where is None:
         where = np.zeros((graph.num_nodes, 3))
     rows = np.hstack([where, solution.quaternions])
@@ -90,4 +87,5 @@ TUM = Format(
     has_graphs=False,
     write=write_tum,
     rotations=RotationReader(_COLUMNS, read_tum_rotations, _looks_like_tum, (".tum",)),
+    has_positions=True,
 )

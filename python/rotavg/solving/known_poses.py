@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,7 @@ from rotavg.graph.translations import first_not_positive_definite
 from rotavg.priors.grounded import ground
 from rotavg.priors.priors import Priors
 from rotavg.solving.anchors import in_gauge_of
+from rotavg.solving.pose_losses import PoseLoss
 from rotavg.solving.pose_terms import KnownGravity, KnownPositions, KnownRotations, Terms
 from rotavg.solving.positions import positions
 from rotavg.solving.solution import Solution
@@ -47,15 +48,30 @@ class KnownPoses:
     places: KnownPositions | None
     held: NDArray[np.bool_]
 
-    def start(self, solution: Solution) -> tuple[Floats, Floats]:
-        """Poses of all nodes that agree with what is known, as far as a rigid motion can."""
+    def start(
+        self,
+        solution: Solution,
+        loss: PoseLoss = "l2",
+        loss_scale: float | Literal["auto"] = "auto",
+    ) -> tuple[Floats, Floats]:
+        """Poses of all nodes that agree with what is known, as far as a rigid motion can.
+
+        The loss is that of the positions.
+        """
         graph = solution.graph
         all_rows = np.ones(len(self.rows), dtype=np.bool_)
         turned, _ = in_gauge_of(graph, solution.rotations, self.rows, self.rotations, all_rows)
         rotations = np.where(self.turned[:, None, None], solution.rotations, turned)
         rotations[self.rows] = self.rotations
         held = dict(zip(self.rows.tolist(), self.positions))
-        where = positions(graph, rotations, fixed=held)
+        where = positions(
+            graph,
+            rotations,
+            fixed=held,
+            loss=loss,
+            loss_scale=loss_scale,
+            edge_shares=solution.edge_shares,
+        )
         return rotations, where if self.places is None else self._placed(graph, rotations, where)
 
     def _placed(self, graph: MeasurementGraph, rotations: Floats, where: Floats) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NoReturn, get_args
 
 import numpy as np
@@ -10,12 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
 from rotavg._core import OnlineState
-from rotavg.base.arrays import ReadOnly, as_floats, read_only
+from rotavg.base.arrays import as_floats, read_only
 from rotavg.base.errors import GraphError, OptionError, UnknownNodeError
 from rotavg.graph import conventions
 from rotavg.graph.conventions import Convention
 from rotavg.graph.ids import IdArray, as_edges, as_ids, edge_error
 from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.graph.node_mapping import IdMapping
 from rotavg.solving import options
 from rotavg.solving.certificate import Verdict
 from rotavg.solving.robust import Loss
@@ -24,8 +26,8 @@ _LOSSES = tuple(loss for loss in get_args(Loss) if loss != "auto")
 
 
 @dataclass(frozen=True, eq=False)
-class OnlineSolution(ReadOnly):
-    """What `Online` knew at one time.
+class OnlineSolution(IdMapping):
+    """What `Online` knew at one time, and a mapping from the ids of the nodes to their rotations.
 
     Attributes:
         nodes: (n,) ids, in the order in which they came.
@@ -44,6 +46,14 @@ class OnlineSolution(ReadOnly):
     gap: float
     relative_gap: float
     num_components: int
+
+    @cached_property
+    def quaternions(self) -> NDArray[np.float64]:
+        """(n, 4) Hamilton quaternions xyzw, w >= 0."""
+        return read_only(conventions.quaternions_from_matrices(self.rotations))
+
+    def _ids(self) -> IdArray:
+        return self.nodes
 
 
 class Online:

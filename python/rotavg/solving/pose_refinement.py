@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +18,20 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.node_mapping import NodeMapping
 from rotavg.priors.priors import Priors
 from rotavg.solving import options
+from rotavg.solving.chi_noise import ChiNoise
 from rotavg.solving.known_poses import known_poses
 from rotavg.solving.normal_equations import NormalEquations
-from rotavg.solving.pose_terms import Terms, cost, measured_terms
+from rotavg.solving.pose_losses import PoseLoss, check_pose_loss, reweighted
+from rotavg.solving.pose_terms import Between, Terms, chi_of, cost, measured_terms
 from rotavg.solving.solution import Solution
 from rotavg.solving.status import Status
+from rotavg.solving.translation_fit import TranslationFit, translation_fit
 
 Floats = NDArray[np.float64]
 
 _LEAST_DAMPING = 1e-6
 _MOST_DAMPING = 1e12
+_ROUGHLY = 1e-3  # the tolerance, while edges are weighed anew
 _NEGLIGIBLE = 1e-12  # a step, in radians and in parts of the graph's size
 
 
@@ -43,6 +47,9 @@ class PoseSolution(NodeMapping):
         chi2_start: the same where it started.
         status: how it ended; where it converged, at a local minimum, which has no certificate.
         iterations: steps that were tried.
+        loss: of the edges' chi; of a robust one chi^2 counts what it has left of them.
+        loss_scale: in units of chi; infinite with "l2".
+        edge_shares: (m,) what the loss has left of each edge's information, from 1 to 1e-12.
     """
 
     solution: Solution
@@ -52,6 +59,9 @@ class PoseSolution(NodeMapping):
     chi2_start: float
     status: Status
     iterations: int
+    loss: PoseLoss
+    loss_scale: float
+    edge_shares: Floats
 
     @property
     def graph(self) -> MeasurementGraph:  # type: ignore[override]
@@ -68,9 +78,35 @@ class PoseSolution(NodeMapping):
         """(n, 4) Hamilton quaternions xyzw, w >= 0."""
         return read_only(quaternions_from_matrices(self.rotations))
 
+    @property
+    def is_outlier(self) -> NDArray[np.bool_]:
+        """(m,) of which edges the loss has left less than half."""
+        return read_only(self.edge_shares < 0.5)
+
+    @property
+    def inlier_graph(self) -> MeasurementGraph:
+        """The graph of all nodes, without these edges and those that are outliers in `solution`.
+
+        Raises GraphError if no edge is left.
+        """
+        dropped = self.is_outlier | self.solution.is_outlier
+        return self.graph.edge_subgraph(~dropped) if dropped.any() else self.graph
+
+    @cached_property
+    def translation_fit(self) -> TranslationFit:
+        """How well the positions fit the translations of the edges that are no outliers."""
+        kept = ~(self.is_outlier | self.solution.is_outlier)
+        return translation_fit(self.graph, self.rotations, self.positions, kept=kept)
+
     def __str__(self) -> str:
         steps = f"{self.iterations} step{'s' * (self.iterations != 1)}"
-        return f"chi^2 {self.chi2_start:.6g}, refined to {self.chi2:.9g} in {steps}; {self.status}"
+        text = f"chi^2 {self.chi2_start:.6g}, refined to {self.chi2:.9g} in {steps}; {self.status}"
+        if self.loss == "l2":
+            return text
+        return (
+            f"{text}; {self.loss}, scale {self.loss_scale:.3g}, leaves less than half of "
+            f"{int(self.is_outlier.sum())} of {self.graph.num_edges} edges"
+        )
 
 
 def refine_poses(
@@ -78,6 +114,8 @@ def refine_poses(
     *,
     fixed: Mapping[Any, tuple[Any, Any]] | None = None,
     priors: Priors | None = None,
+    loss: PoseLoss = "l2",
+    loss_scale: float | Literal["auto"] = "auto",
     max_iterations: int = 100,
     tolerance: float = 1e-12,
 ) -> PoseSolution:
@@ -97,13 +135,19 @@ def refine_poses(
             known of a component, its first node stays where it is, at the origin.
         priors: what else is known, in units of the same weights: rotations, gravity and
             `Priors.positions`; by default what the solution was found with. No rigs.
+        loss: of chi = sqrt(e^T Omega e) of every edge: "l2", "huber", "cauchy", "geman_mcclure" or
+            "tls", for measurements some of which are wrong (docs/pose_graphs.md). The start is
+            then that of positions with this loss, and every time that the poses have converged
+            the edges are weighed anew, until that changes nothing.
+        loss_scale: of a robust loss, in units of chi: standard deviations, if the information is
+            right; "auto" several times the noise that most edges show.
         max_iterations: limit on the number of steps that are tried.
         tolerance: stop when a step promises to lower chi^2 by no more than this share of it.
 
     Raises:
         GraphError: no translations; an edge whose information is not positive definite; what is
             fixed is no pose of a node, or is held by the priors as well.
-        OptionError: an option out of range, or priors with rigs.
+        OptionError: an option out of range, a loss that is none, or priors with rigs.
         MissingExtraError: SciPy is not installed.
         SolverError: the numbers are too large or too far apart.
     """
@@ -114,23 +158,41 @@ def refine_poses(
         priors = Priors() if solution.grounded is None else solution.grounded.priors
     if priors.rigs:
         raise OptionError("poses are not refined with rigs among the priors")
+    scale = check_pose_loss(loss, loss_scale)
     graph = solution.graph
     measured = measured_terms(graph, solution.edge_weights / graph.weights)
     assert graph.translations is not None
     if fixed is None:
         fixed = getattr(graph.source, "fixed_poses", {})
     known = known_poses(solution, fixed, priors)
-    terms: list[Terms] = [measured, *known.terms]
     free = ~known.held
-    if graph.translations.dimension == 2 and not known.terms:
+    flat = graph.translations.dimension == 2
+    if flat and not known.terms:
         free[:, 2:5] = False
-    start = _State(*known.start(solution), terms)
-    end, status, iterations = _descend(start, NormalEquations(terms, free), limit, tolerance)
+    start = known.start(solution, loss, loss_scale)
+    descent = _Descent(*start, measured, known.terms, free, limit, tolerance)
+    left, used_scale = np.ones(graph.num_edges), np.inf
+    if loss != "l2":
+        judged, noise = measured_terms(graph, left), ChiNoise(graph)
+
+        def chi(state: _State) -> Floats:
+            return chi_of(judged, state.rotations, state.positions)
+
+        left, used_scale = reweighted(
+            lambda shares: chi(descent.run(shares, _ROUGHLY)),
+            (np.zeros(graph.num_edges), chi(descent.state)),
+            loss,
+            scale,
+            lambda found: noise(found, 3 if flat else 6),
+            graduate=False,
+        )
+    end = descent.run(left)
     rotations = _core.nearest_rotation(end.rotations)  # of what rounding has spoilt
     rotations[known.held[:, 3]] = end.rotations[known.held[:, 3]]
     return PoseSolution(
-        solution, read_only(rotations), read_only(end.positions), end.chi2, start.chi2, status,
-        iterations,
+        solution, read_only(rotations), read_only(end.positions), end.chi2,
+        descent.cost_of(*start, left), descent.status, descent.tried, loss, used_scale,
+        read_only(left),
     )  # fmt: skip
 
 
@@ -153,6 +215,51 @@ class _State:
         size = max(float(np.ptp(self.positions, axis=0).max()), 1e-300)
         moved, turned = np.abs(step[:, :3]).max() / size, np.abs(step[:, 3:]).max()
         return bool(max(moved, turned) <= _NEGLIGIBLE)
+
+
+class _Descent:
+    """Steps down from poses, with less and less of some edges.
+
+    Attributes:
+        state: where it is.
+        status: why the last run ended.
+        tried: steps, of all runs.
+    """
+
+    def __init__(
+        self,
+        rotations: Floats,
+        positions: Floats,
+        measured: Between,
+        others: Sequence[Terms],
+        free: NDArray[np.bool_],
+        limit: int,
+        tolerance: float,
+    ) -> None:
+        self._measured, self._others, self._free = measured, others, free
+        self._limit, self._tolerance = limit, tolerance
+        self.state = _State(rotations, positions, [measured, *others])
+        self.status, self.tried = Status.ITERATION_LIMIT, 0
+
+    def run(self, left: Floats, tolerance: float = 0.0) -> _State:
+        """Go on until a step promises nothing more, with shares (m,) of the edges' information."""
+        terms = self._terms(left)
+        self.state, self.status, tried = _descend(
+            _State(self.state.rotations, self.state.positions, terms),
+            NormalEquations(terms, self._free),
+            self._limit - self.tried,
+            max(self._tolerance, tolerance),
+        )
+        self.tried += tried
+        return self.state
+
+    def cost_of(self, rotations: Floats, positions: Floats, left: Floats) -> float:
+        """What other poses cost with these shares."""
+        return _State(rotations, positions, self._terms(left)).chi2
+
+    def _terms(self, left: Floats) -> list[Terms]:
+        omega = self._measured.omega * left[:, None, None]
+        return [replace(self._measured, omega=omega), *self._others]
 
 
 def _descend(

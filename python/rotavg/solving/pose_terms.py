@@ -57,6 +57,12 @@ def cost(terms: Terms, rotations: Floats, positions: Floats) -> float:
     return float(np.einsum("ka,kab,kb->", e, terms.omega, e, optimize=True))
 
 
+def chi_of(terms: Terms, rotations: Floats, positions: Floats) -> Floats:
+    """sqrt(e^T Omega e) (k,) of every term."""
+    e = terms.errors(rotations, positions)
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ka,kab,kb->k", e, terms.omega, e), 0.0)))
+
+
 @dataclass(frozen=True, eq=False)
 class Between:
     """Measured relative poses Z of edges (i, j): e = log(Z^-1 T_i^-1 T_j)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,9 @@ from rotavg.base.errors import GraphError, SolverError, expect, require
 from rotavg.graph.conventions import first_no_rotation
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import why_row_is_no_rotation
+from rotavg.solving.chi_noise import ChiNoise
+from rotavg.solving.pose_losses import LEAST_SHARE, PoseLoss, check_pose_loss, reweighted
+from rotavg.solving.translation_fit import translation_residuals
 
 
 def positions(
@@ -19,24 +23,35 @@ def positions(
     rotations: ArrayLike,
     *,
     fixed: Mapping[int, ArrayLike] | None = None,
+    loss: PoseLoss = "l2",
+    loss_scale: float | Literal["auto"] = "auto",
+    edge_shares: ArrayLike | None = None,
 ) -> NDArray[np.float64]:
     """Positions of the nodes, given their rotations, by one sparse linear solve.
 
     They minimise sum over the edges of r^T Omega r with r = R_ij^T (R_i^T (p_j - p_i) - t_ij), the
-    translational part of chi^2 as g2o has it (Kuemmerle et al. 2011), for the given R. Needs SciPy.
+    translational part of chi^2 as g2o has it (Kuemmerle et al. 2011), for the given R. With a
+    robust loss of chi = sqrt(r^T Omega r) there are several such solves, with less and less of
+    the edges that the others contradict. Needs SciPy.
 
     Args:
         graph: one that has `translations`.
         rotations: (n, 3, 3) world_from_node, rows as in `graph.nodes`.
         fixed: positions (3,) that are known, by row of `graph.nodes`. In a component without any,
             the first node is at the origin.
+        loss: "l2", "huber", "cauchy", "geman_mcclure" or "tls" (docs/pose_graphs.md).
+        loss_scale: of a robust loss, in units of chi: standard deviations, if the information is
+            right; "auto" several times the noise that most edges show.
+        edge_shares: (m,) from 0 to 1: what of each edge's information counts, by default all; so
+            what a robust loss has left of their rotations.
 
     Returns:
         (n, 3) in the world that `rotations` lead to.
 
     Raises:
         GraphError: the graph has no translations, these are not n rotations, or a fixed position
-            is not finite or of no row.
+            is not finite or of no row, or shares are out of range.
+        OptionError: a loss or scale that is none.
         MissingExtraError: SciPy is not installed.
         SolverError: the numbers are too large or too far apart.
     """
@@ -50,7 +65,7 @@ def positions(
     if bad is not None:
         node = graph.nodes[bad].item()
         raise GraphError(f"the matrix of node {node!r} {why_row_is_no_rotation(R, bad)}")
-    result, known = _known(graph, fixed or {})
+    held, known = _known(graph, fixed or {})
     i, j = graph.indices.T
     steps = np.einsum("mab,mb->ma", R[i], measured.vectors)
 
@@ -65,11 +80,50 @@ def positions(
         weights = world_from_j @ omega @ np.swapaxes(world_from_j, 1, 2)
         steps = steps[:, :, None]
     weights = weights / np.abs(weights).max()
-    with np.errstate(over="ignore", invalid="ignore"):
-        result[~known] = _least_squares(n, i, j, weights, steps, result, known)
-    if not np.isfinite(result).all():
-        raise SolverError("the positions cannot be solved for: the translations' numbers overflow")
-    return result
+    counted = _shares(graph, edge_shares)
+
+    def solved(left: NDArray[np.float64]) -> NDArray[np.float64]:
+        of_edges = weights * (counted * left)[:, None, None]
+        result = held.copy()
+        with np.errstate(over="ignore", invalid="ignore"):
+            result[~known] = _least_squares(n, i, j, of_edges, steps, held, known)
+        if not np.isfinite(result).all():
+            raise SolverError(
+                "the positions cannot be solved for: the translations' numbers overflow"
+            )
+        return result
+
+    def chi_with(left: NDArray[np.float64]) -> NDArray[np.float64]:
+        return translation_residuals(graph, R, solved(left))[1]
+
+    everything = np.ones(graph.num_edges)
+    scale = check_pose_loss(loss, loss_scale)
+    if loss == "l2":
+        return solved(everything)
+    noise = ChiNoise(graph)
+    left, _ = reweighted(
+        chi_with,
+        (everything, chi_with(everything)),
+        loss,
+        scale,
+        lambda chi: noise(chi, measured.dimension),
+        graduate=loss != "huber",
+    )
+    return solved(left)
+
+
+def _shares(graph: MeasurementGraph, given: ArrayLike | None) -> NDArray[np.float64]:
+    if given is None:
+        return np.ones(graph.num_edges)
+    result = as_floats(given, (graph.num_edges,), "edge_shares")
+    bad = ~((result >= 0) & (result <= 1))
+    if bad.any():
+        edge = int(np.argmax(bad))
+        raise GraphError(
+            f"edge_shares of edge {edge} is {result[edge]}; expected a number from 0 to 1",
+            edge=edge,
+        )
+    return np.maximum(result, LEAST_SHARE)
 
 
 def _known(

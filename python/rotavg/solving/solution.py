@@ -106,6 +106,11 @@ class Solution(NodeMapping):
         """(m,) weights that the edges had in the objective: the graph's, times the robust ones."""
         return self.graph.weights if self.robust is None else self.robust.edge_weights
 
+    @property
+    def edge_shares(self) -> NDArray[np.float64]:
+        """(m,) what a robust loss has left of each edge's weight, from 0 to 1; 1 without one."""
+        return np.minimum(self.edge_weights / self.graph.weights, 1.0)
+
     @cached_property
     def edge_verdicts(self) -> NDArray[np.str_]:
         """(m,) "inlier", "bridge" (no cycle checks it), "trusted", or why it is an outlier.
@@ -122,6 +127,11 @@ class Solution(NodeMapping):
     def is_outlier(self) -> NDArray[np.bool_]:
         """(m,) whether the edge's verdict is that of an outlier."""
         return read_only(~np.isin(self.edge_verdicts, ("inlier", "bridge", "trusted")))
+
+    @property
+    def inlier_graph(self) -> MeasurementGraph:
+        """The graph of all nodes, without the edges that are outliers; GraphError if all are."""
+        return self.graph.edge_subgraph(~self.is_outlier) if self.is_outlier.any() else self.graph
 
     @cached_property
     def is_unchecked(self) -> NDArray[np.bool_]:

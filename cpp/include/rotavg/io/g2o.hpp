@@ -14,6 +14,7 @@
 #include <rotavg/io/g2o_dialect.hpp>
 #include <rotavg/io/graph_file.hpp>
 #include <rotavg/io/source.hpp>
+#include <rotavg/linalg/small_inverse.hpp>
 #include <rotavg/reduction/priors.hpp>
 #include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
@@ -39,10 +40,12 @@ struct Vertex {
 /// A pose graph as its file has it.
 struct PoseFile : GraphFile {
   int dimension = 3;                  ///< of space; 2 in the plane, where rotations are about z
-  std::vector<Vector3> translations;  ///< (m,) of the edges: of j in the frame of i
-  std::vector<Vertex> vertices;       ///< in the order of the nodes; of some there may be none
-  std::vector<FixedRotation> fixed;   ///< of the vertices that the file fixes: for Priors
-  std::string text;                   ///< all of it
+  std::vector<Vector3> translations;  ///< (m,) of the edges: of j in the frame of i; none if all 0
+  /// (m,) inverse covariances of these, in the frame of j; none: the identity.
+  std::vector<Matrix3> translation_information;
+  std::vector<Vertex> vertices;      ///< in the order of the nodes; of some there may be none
+  std::vector<FixedRotation> fixed;  ///< of the vertices that the file fixes: for Priors
+  std::string text;                  ///< all of it
 };
 
 namespace detail {
@@ -225,7 +228,9 @@ class G2oReader {
                                                std::to_string(full) +
                                                " (read with unit weights where there is none)");
     }
-    bool moved = false, precise = !options_.unit_weights && dialect_->dimension == 3;
+    bool moved = false, some_bad = false;
+    std::size_t first_bad = 0;  // information about a translation that is not positive definite
+    bool precise = !options_.unit_weights && dialect_->dimension == 3;
     EdgeList list(source_, options_);
     Lengths lengths;
     for (const Tagged& tagged : lines) {
@@ -247,7 +252,16 @@ class G2oReader {
         lengths.check(source_, tagged.line.number, m.i_from_j.coeffs());
       }
       file_.nodes.insert(file_.nodes.end(), {m.i, m.j});
+      Matrix3 about_translation = Matrix3::Identity();
+      if (!some_short) {
+        about_translation = dialect_->translation_information(values.data() + num_pose);
+        if (!some_bad && !has_positive_minors(about_translation)) {
+          some_bad = true;
+          first_bad = static_cast<std::size_t>(&tagged - lines.data());
+        }
+      }
       if (!list.add(tagged.line.number, m, file_)) continue;
+      file_.translation_information.push_back(about_translation);
       file_.translations.push_back(dialect_->position(values.data()));
       moved = moved || !file_.translations.back().isZero(0.0);
       if (precise && !is_positive_definite(inverse_symmetric(omega))) {
@@ -262,7 +276,13 @@ class G2oReader {
     if (some_short && !some_long) {
       file_.notes.push_back("the edges have no information: every edge weighs 1");
     }
-    if (!moved) file_.translations.clear();
+    if (moved && some_bad) {
+      file_.notes.push_back(
+          "translations not used: the information about them is not positive definite (edge " +
+          std::to_string(first_bad) + ")");
+    }
+    if (!moved || some_bad) file_.translations.clear();
+    if (!moved || some_bad || some_short) file_.translation_information.clear();
     if (!precise) file_.precisions.clear();
     list.finish(file_);
     for (const Vertex& vertex : file_.vertices) {

@@ -37,6 +37,19 @@ struct G2oDialect {
     omega << v[0], v[1], v[2], v[1], v[3], v[4], v[2], v[4], v[5];
     return omega;
   }
+  /// The translation's block of the information; in the plane z gets the mean of x and y.
+  Matrix3 translation_information(const double* values) const {
+    Matrix3 omega = Matrix3::Zero();
+    for (Eigen::Index r = 0, k = 0; r < static_cast<Eigen::Index>(dimension); ++r) {
+      for (Eigen::Index c = r; c < static_cast<Eigen::Index>(dimension + num_turn()); ++c, ++k) {
+        if (c < static_cast<Eigen::Index>(dimension)) omega(r, c) = omega(c, r) = values[k];
+      }
+    }
+    if (dimension == 2) omega(2, 2) = 0.5 * (omega(0, 0) + omega(1, 1));
+    return omega;
+  }
+  /// Degrees of freedom of a rotation.
+  std::size_t num_turn() const { return dimension == 3 ? 3 : 1; }
   /// Appends the numbers of a rotation.
   void write(const Matrix3& R, std::vector<double>& pose) const {
     if (dimension == 2) {

@@ -15,8 +15,7 @@
 #include <rotavg/io/g2o.hpp>
 #include <rotavg/io/g2o_dialect.hpp>
 #include <rotavg/io/graph_file.hpp>
-#include <rotavg/so3/nearest.hpp>
-#include <rotavg/so3/small_products.hpp>
+#include <rotavg/io/vertex_poses.hpp>
 #include <rotavg/types.hpp>
 
 namespace rotavg::io {
@@ -82,48 +81,14 @@ inline std::string to_g2o(const MeasurementGraph& graph, const Rotations& R = {}
   return text;
 }
 
-/// Turns every component as a whole such that the vertices that the file fixes keep their
-/// rotations, or else its first node does. (Of several, the mean of what each asks for decides, and
-/// they keep theirs all the same.)
-inline void in_gauge_of(const PoseFile& file, const Components& components, Rotations& R) {
-  std::map<NodeId, const Vertex*> given;
-  std::set<NodeId> fixed;
-  for (const Vertex& vertex : file.vertices) given[vertex.node] = &vertex;
-  for (const FixedRotation& vertex : file.fixed) fixed.insert(vertex.node);
-  for (const auto& nodes : components.nodes) {
-    const auto id = [&](Index k) { return file.nodes[static_cast<std::size_t>(k)]; };
-    std::vector<Index> anchors;
-    for (const Index k : nodes) {
-      if (fixed.count(id(k)) > 0) anchors.push_back(k);
-    }
-    if (anchors.empty() && given.count(id(nodes.front())) > 0) anchors.push_back(nodes.front());
-    if (anchors.empty()) continue;
-    const auto at = [](Index k) { return static_cast<std::size_t>(k); };
-    Matrix3 asked = Matrix3::Zero();
-    for (const Index k : anchors) {
-      add(asked, product_transposed(given[id(k)]->world_from_node, R[at(k)]));
-    }
-    const Matrix3 turn = nearest_rotation(asked);
-    for (const Index k : nodes) R[at(k)] = product(turn, R[at(k)]);
-    for (const Index k : anchors) R[at(k)] = given[id(k)]->world_from_node;
-  }
-}
+namespace detail {
 
-/// A solution as the file that its graph came from, with new poses: a vertex gets its rotation, in
-/// the gauge of the file (in_gauge_of), and, where they are given, its position; one that the file
-/// fixes keeps its pose. Nodes without a vertex get one. Every other byte stays.
-/// @param R (n,) in the order of the nodes
-/// @param components those of the solution
-/// @param positions (n,) or none: then vertices keep theirs, which will not fit the rotations
-/// @throws std::invalid_argument for another number of either
-inline std::string to_g2o(const PoseFile& file, Rotations R, const Components& components,
-                          const std::vector<Vector3>& positions = {}) {
+/// The file with other poses; to_g2o.
+/// @param positions (n,) or none: then vertices keep theirs
+inline std::string put_back(const PoseFile& file, const Rotations& R,
+                            const std::vector<Vector3>& positions) {
   const std::size_t n = file.nodes.size();
-  if (R.size() != n || (!positions.empty() && positions.size() != n)) {
-    throw std::invalid_argument("expected a rotation, and if any a position, for every node");
-  }
-  in_gauge_of(file, components, R);
-  const detail::G2oDialect& dialect = detail::g2o_dialects[file.dimension == 3 ? 0 : 1];
+  const G2oDialect& dialect = g2o_dialects[file.dimension == 3 ? 0 : 1];
   std::map<NodeId, std::size_t> row;
   for (std::size_t k = 0; k < n; ++k) row[file.nodes[k]] = k;
   std::set<NodeId> fixed;
@@ -137,7 +102,7 @@ inline std::string to_g2o(const PoseFile& file, Rotations R, const Components& c
     const std::size_t end = std::min(content.find_first_of("\r\n", at), content.size());
     stop = std::min(end + (content.substr(end, 2) == "\r\n" ? 2 : 1), content.size());
     const std::string_view line = content.substr(at, stop - at);
-    const auto words = detail::words_of(line.substr(0, line.find('#')));
+    const auto words = words_of(line.substr(0, line.find('#')));
     if (ending.empty() && !words.empty() && words[0] == dialect.edge) {
       first_edge = text.size();
       ending = end < stop ? content.substr(end, stop - end) : "\n";
@@ -163,15 +128,60 @@ inline std::string to_g2o(const PoseFile& file, Rotations R, const Components& c
       return static_cast<std::size_t>(word.data() + word.size() - line.data());
     };
     text += line.substr(0, place_behind(kept));
-    detail::append_short(text, pose);
+    append_short(text, pose);
     text += line.substr(place_behind(words.back()));
   }
   std::string added;
   for (const auto& [node, k] : missing) {
     const Vector3 position = positions.empty() ? Vector3::Zero().eval() : positions[k];
-    added += detail::vertex_line(dialect, node, position, R[k]) + ending;
+    added += vertex_line(dialect, node, position, R[k]) + ending;
   }
   return text.insert(first_edge, added);
+}
+
+inline void require_one_pose_each(const PoseFile& file, std::size_t rotations,
+                                  std::size_t positions) {
+  const std::size_t n = file.nodes.size();
+  if (rotations == n && positions == n) return;
+  throw std::invalid_argument("expected a rotation, and if any a position, for every node");
+}
+
+}  // namespace detail
+
+/// Which positions vertices get.
+enum class VertexPositions {
+  fitted,  ///< those that fit the new rotations best (rotavg::positions)
+  kept,    ///< those that they have, which will not fit the new rotations
+};
+
+/// A solution as the file that its graph came from, with new poses: a vertex gets its rotation, in
+/// the gauge of the file (in_gauge_of), and the position that fits it; one that the file fixes
+/// keeps its pose. Nodes without a vertex get one. Every other byte stays. Where the file has no
+/// translations to fit positions to, vertices keep theirs.
+/// @param R (n,) in the order of the nodes
+/// @param components those of the solution
+/// @throws std::invalid_argument for another number of rotations, and where positions cannot be
+///         solved for
+inline std::string to_g2o(const PoseFile& file, Rotations R, const Components& components,
+                          VertexPositions which = VertexPositions::fitted) {
+  detail::require_one_pose_each(file, R.size(), R.size());
+  const std::vector<Vertex> anchors = in_gauge_of(file, components, R);
+  if (which == VertexPositions::kept || file.translations.empty()) {
+    return detail::put_back(file, R, {});
+  }
+  return detail::put_back(file, R, fitted_positions(file, R, anchors));
+}
+
+/// The same with positions (n,) of your own, in the world of R: they are turned and moved with it
+/// into the gauge of the file.
+/// @throws std::invalid_argument for another number of rotations or positions
+inline std::string to_g2o(const PoseFile& file, const Rotations& R, const Components& components,
+                          const std::vector<Vector3>& positions) {
+  detail::require_one_pose_each(file, R.size(), positions.size());
+  Rotations turned = R;
+  const std::vector<Vertex> anchors = in_gauge_of(file, components, turned);
+  return detail::put_back(file, turned,
+                          moved_positions(file, components, R, turned, anchors, positions));
 }
 
 }  // namespace rotavg::io

@@ -1,8 +1,23 @@
 #pragma once
 
+#include <algorithm>
+#include <cmath>
+
 #include <Eigen/Core>
 
+#include <rotavg/so3/small_products.hpp>
+#include <rotavg/types.hpp>
+
 namespace rotavg {
+
+/// Whether a symmetric matrix is finite and positive definite, by its leading minors.
+inline bool has_positive_minors(const Matrix3& A) {
+  double scale = 0.0;
+  for (int k = 0; k < 9; ++k) scale = std::max(scale, std::abs(A(k)));
+  if (!is_finite(A) || scale == 0.0) return false;
+  const Matrix3 B = A / scale;
+  return B(0, 0) > 0.0 && B(0, 0) * B(1, 1) - B(0, 1) * B(1, 0) > 0.0 && determinant(B) > 0.0;
+}
 
 /// Inverts a small symmetric positive definite matrix in place, by Gauss and Jordan's steps without
 /// exchange of rows. Its pivots are those of a Cholesky factorisation, so that they tell whether it
