@@ -260,6 +260,17 @@ def test_advice_where_residuals_look_contaminated_and_only_there() -> None:
     assert contamination(isotropic, weights) is None
 
 
+def test_noise_of_two_kinds_is_no_contamination() -> None:
+    rng = np.random.default_rng(1)
+    sigma = np.where(rng.random(4000) < 0.2, 2e-3, 5e-4)
+    angles = sigma * np.linalg.norm(rng.normal(size=(4000, 3)), axis=1)
+    noise = np.median(angles) / 0.6745
+    assert np.mean(angles > 3 * noise) > 0.02
+    assert contamination(angles) is None
+    angles[:80] = np.abs(rng.uniform(0, np.pi, 80))  # 2 %, of any size
+    assert contamination(angles) is not None
+
+
 def test_coherent_outliers_are_those_of_clusters() -> None:
     simulation = photographs(outliers=0.4, outlier_clusters=4, noise=0.0)
     graph, truth = simulation.graph, simulation.ground_truth
