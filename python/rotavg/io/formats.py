@@ -7,8 +7,6 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from rotavg.base.errors import FormatError, IncompleteWarning
 from rotavg.graph.conventions import Convention
 from rotavg.graph.measurement_graph import MeasurementGraph
@@ -32,11 +30,12 @@ from rotavg.io import (
     tum,
 )
 from rotavg.io.g2o_write import PoseFile
+from rotavg.io.lost import isolated, lost, lost_ids
+from rotavg.io.outliers import check_drops_outliers, without_outliers
 from rotavg.io.registry import (
     Format,
     ReadOptions,
     SolutionLike,
-    WithoutOutliers,
     Writable,
     components_to_tell,
 )
@@ -162,14 +161,14 @@ def write(
     chosen.check_writes(path, is_solution, FORMATS)
     assert chosen.write is not None
     if drop_outliers:
-        graph_or_solution = _without_outliers(path, chosen, graph_or_solution)
+        graph_or_solution = without_outliers(FORMATS, path, chosen, graph_or_solution)
     content = chosen.write(path, graph_or_solution)
     atomic.write_files({path: content} if isinstance(content, bytes) else content)
     if isinstance(graph_or_solution, MeasurementGraph):
-        lost = _lost(chosen, graph_or_solution)
+        gone = lost(chosen, graph_or_solution)
     else:
-        lost = _lost_ids(chosen, graph_or_solution.graph)
-    for loss in lost:
+        gone = lost_ids(chosen, graph_or_solution.graph)
+    for loss in gone:
         warnings.warn(f"{path}: {loss}", IncompleteWarning, stacklevel=2)
 
 
@@ -192,7 +191,7 @@ def check_writable(
     chosen.check_writes(path, solution, FORMATS)
     chosen.check_place(path, source)
     if drop_outliers:
-        check_drops_outliers(path, chosen)
+        check_drops_outliers(FORMATS, path, chosen)
     if not chosen.puts_back:
         atomic.check_distinct([path], [source])
     new_folder = chosen.main_file and not path.parent.exists()
@@ -292,69 +291,16 @@ def num_nodes_written(
 ) -> int:
     """How many nodes of a graph a reader finds in the file that `write` makes of it."""
     _, chosen = _output(path, format)
-    return graph.num_nodes - (0 if chosen.has_isolated else len(_isolated(graph)))
+    return graph.num_nodes - (0 if chosen.has_isolated else len(isolated(graph)))
 
 
 def warned_losses(
     path: str | os.PathLike[str], graph: MeasurementGraph, format: str | None = None
 ) -> tuple[str, ...]:
     """What `write` warns of where it writes this graph."""
-    return _lost(_output(path, format)[1], graph)
-
-
-def check_drops_outliers(path: Path, form: Format) -> None:
-    """FormatError for a format whose files of solutions hold no edges."""
-    if form.has_positions and form.has_translations:
-        return
-    able = ", ".join(f.name for f in FORMATS if f.has_positions and f.has_translations)
-    raise FormatError(
-        f"outliers are to be left out, and {form.name} holds no edges: expected {able}", path=path
-    )
-
-
-def _without_outliers(path: Path, form: Format, item: Writable) -> Writable:
-    check_drops_outliers(path, form)
-    if isinstance(item, MeasurementGraph) or not hasattr(item, "inlier_graph"):
-        found = type(item).__name__
-        raise FormatError(f"found a {found} without outliers to drop, expected a Solution")
-    kept: MeasurementGraph = item.inlier_graph
-    parts, before = (int(g.components().max()) + 1 for g in (kept, item.graph))
-    if parts > before:
-        warnings.warn(
-            f"{path}: without the outliers the graph falls into {parts} parts (before {before})",
-            IncompleteWarning,
-            stacklevel=3,
-        )
-    return WithoutOutliers(item, kept)
+    return lost(_output(path, format)[1], graph)
 
 
 def has_positions(path: str | os.PathLike[str], format: str | None = None) -> bool:
     """Whether `write` puts the positions of a solution into this file."""
     return _output(path, format)[1].has_positions
-
-
-def _lost_ids(form: Format, graph: MeasurementGraph) -> tuple[str, ...]:
-    if form.has_ids(graph):
-        return ()
-    return (f"the ids are not in it: {form.name} counts the nodes, from 0",)
-
-
-def _lost(form: Format, graph: MeasurementGraph) -> tuple[str, ...]:
-    told = [*_lost_ids(form, graph)]
-    if not form.has_weights and np.ptp(graph.weights) > 0:
-        told.append(f"the weights are not in it, {form.name} has no place for them")
-    alone = () if form.has_isolated else _isolated(graph)
-    if len(alone):
-        named = ", ".join(map(repr, alone[:5])) + (", ..." if len(alone) > 5 else "")
-        what = "1 node without an edge is" if len(alone) == 1 else (
-            f"{len(alone)} nodes without an edge are"
-        )  # fmt: skip
-        told.append(f"{what} not in it ({named}), {form.name} has no place for such")
-    return tuple(told)
-
-
-def _isolated(graph: MeasurementGraph) -> list[int | str]:
-    """The ids of the nodes without an edge."""
-    alone = np.ones(graph.num_nodes, dtype=np.bool_)
-    alone[graph.indices] = False
-    return graph.nodes[alone].tolist()  # type: ignore[no-any-return]
