@@ -96,7 +96,7 @@ inline void settle_on_normal_noise(RobustRun& run, int space, double noise, Robu
       run.reweighted(result.rotations, {Loss::cauchy, scale}, rough_gain, brief_limit);
   if (run.ended() != Status::not_run) return;
   const std::vector<double> x = run.series_residuals_at(bluntly.rotations);
-  if (x.size() < few || !residual_tails(x, noise, space, space).are_normal()) return;
+  if (x.size() < few || !residual_tails(x, noise, space).are_normal()) return;
   loss = {Loss::geman_mcclure, scale};
   result = run.reweighted(bluntly.rotations, loss, detail::settled_gain, detail::most_reweightings);
 }
