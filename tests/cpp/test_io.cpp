@@ -194,6 +194,15 @@ TEST_CASE("a solution goes back into its pose graph; all other bytes stay") {
   for (std::size_t k = 0; k < 3; ++k) {
     CHECK((back.vertices[k].position - fitted[k]).norm() < 1e-12);
   }
+  // What a robust loss has left of an edge counts: here nothing, and the others are met.
+  const io::PoseFile without =
+      g2o_of(io::to_g2o(file, R, components, io::VertexPositions::fitted, {1.0, 1.0, 1e-12}));
+  for (std::size_t k = 0; k < 2; ++k) {
+    const Edge& e = graph.edges()[k];
+    const auto at = [&](Index i) { return without.vertices[static_cast<std::size_t>(i)].position; };
+    const Matrix3& R_i = written[static_cast<std::size_t>(e.i)];
+    CHECK((R_i.transpose() * (at(e.j) - at(e.i)) - file.translations[k]).norm() < 1e-9);
+  }
   const io::PoseFile kept = g2o_of(io::to_g2o(file, R, components, io::VertexPositions::kept));
   CHECK(kept.vertices[2].position == Vector3::Zero());
 
@@ -207,6 +216,8 @@ TEST_CASE("a solution goes back into its pose graph; all other bytes stay") {
     CHECK((before - after).norm() < 1e-12);
   }
   CHECK_THROWS_AS(io::to_g2o(file, R, components, std::vector<Vector3>(2)), std::invalid_argument);
+  CHECK_THROWS_AS(io::to_g2o(file, R, components, io::VertexPositions::fitted, {1.0}),
+                  std::invalid_argument);
   CHECK_THROWS_AS(io::to_g2o(file, Rotations(2, Matrix3::Identity()), components),
                   std::invalid_argument);
 }

@@ -80,9 +80,12 @@ class IncompleteWarning(UserWarning):
 def expect(value: Any, kind: type, hint: str = "") -> None:
     """ArgumentTypeError where `value` is not of this kind."""
     if not isinstance(value, kind):
-        article = "an" if kind.__name__[0] in "AEIOU" else "a"
-        expected = f"expected {article} {kind.__name__}{hint}"
-        raise ArgumentTypeError(f"found a {type(value).__name__}, {expected}")
+        found, expected = _with_article(type(value).__name__), _with_article(kind.__name__)
+        raise ArgumentTypeError(f"found {found}, expected {expected}{hint}")
+
+
+def _with_article(name: str) -> str:
+    return f"an {name}" if name[0] in "AEIOUaeiou" else f"a {name}"
 
 
 def require(module: str, extra: str) -> Any:

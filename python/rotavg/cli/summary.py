@@ -131,7 +131,7 @@ def _poses(poses: rotavg.PoseSolution | None) -> dict[str, Any] | None:
         "status": poses.status.name.lower(),
         "iterations": poses.iterations,
         "loss": poses.loss,
-        "loss_scale": None if poses.loss == "l2" else poses.loss_scale,
+        "loss_scale": poses.loss_scale if math.isfinite(poses.loss_scale) else None,
         "outliers": int(poses.is_outlier.sum()),
     }
 
@@ -143,7 +143,7 @@ def summary(
     poses: rotavg.PoseSolution | None = None,
     fit: rotavg.TranslationFit | None = None,
 ) -> dict[str, Any]:
-    """Everything that `print(solution)` tells, and more digits of it.
+    """What `print(solution)` tells, but for advice, and more digits of it.
 
     Args:
         solution: what came out.

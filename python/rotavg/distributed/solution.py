@@ -28,7 +28,8 @@ class RobustFit:
     Attributes:
         scale: of the loss, radians, of an edge with the median weight.
         noise: of the measurements, radians.
-        threshold: edges with larger residuals are outliers: 3 times the noise.
+        threshold: edges with larger residuals are outliers: 3 times the noise
+            (`rotavg.solve` goes up to 10 times where it has heavy tails).
         num_outliers: how many.
         settled: what share of all weight the last reweighting moved.
     """

@@ -175,6 +175,8 @@ def _rigs_of(
     found = {} if fit is None else fit.rotation_of
     rigs = {rig: {(kind, ref): _Place(np.eye(3), np.zeros(3))} for rig, kind, ref in tables.rigs}
     for rig, kind, sensor, blob in tables.sensors:
+        if rig not in rigs:
+            raise FormatError(f"sensor {sensor} is of rig {rig}, which is not there", path=folder)
         pose = sensor_from_rig_in(folder, rig, sensor, blob)
         if pose is not None:
             place = _Place(pose[0], np.where(np.isfinite(pose[1]), pose[1], 0.0))

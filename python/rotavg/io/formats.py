@@ -290,7 +290,7 @@ def num_nodes_written(
     path: str | os.PathLike[str], graph: MeasurementGraph, format: str | None = None
 ) -> int:
     """How many nodes of a graph a reader finds in the file that `write` makes of it."""
-    _, chosen = _output(path, format)
+    _, chosen = _output(path, format, _is_of_database(graph))
     return graph.num_nodes - (0 if chosen.has_isolated else len(isolated(graph)))
 
 
@@ -298,7 +298,7 @@ def warned_losses(
     path: str | os.PathLike[str], graph: MeasurementGraph, format: str | None = None
 ) -> tuple[str, ...]:
     """What `write` warns of where it writes this graph."""
-    return lost(_output(path, format)[1], graph)
+    return lost(_output(path, format, _is_of_database(graph))[1], graph)
 
 
 def has_positions(path: str | os.PathLike[str], format: str | None = None) -> bool:

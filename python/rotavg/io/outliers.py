@@ -32,7 +32,9 @@ def without_outliers(
     check_drops_outliers(formats, path, form)
     if isinstance(item, MeasurementGraph) or not hasattr(item, "inlier_graph"):
         found = type(item).__name__
-        raise FormatError(f"found a {found} without outliers to drop, expected a Solution")
+        raise FormatError(
+            f"found a {found} without outliers to drop, expected a Solution", path=path
+        )
     kept: MeasurementGraph = item.inlier_graph
     parts, before = (int(g.components().max()) + 1 for g in (kept, item.graph))
     if parts > before:

@@ -89,6 +89,8 @@ class WithoutOutliers:
         return self._solution.quaternions
 
     def __getattr__(self, name: str) -> Any:
+        if name == "_solution":  # of a copy that is not filled yet
+            raise AttributeError(name)
         return getattr(self._solution, name)
 
 
@@ -257,7 +259,7 @@ def by_suffix(formats: Sequence[Format], path: Path, *, to_write: bool = False) 
 def how_used(path: Path) -> str:
     """What a note of prior knowledge in a file of measurements ends with."""
     return (
-        "; `rotavg solve` uses them by itself, in Python "
+        "; `rotavg solve` uses them where it can, in Python "
         f"rotavg.solve(graph, priors=rotavg.read_priors({str(path)!r}, graph))"
     )
 

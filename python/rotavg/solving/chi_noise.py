@@ -14,6 +14,7 @@ Floats = NDArray[np.float64]
 _MEDIAN = {2: 1.1774, 3: 1.5382, 6: 2.3126}
 _MANY_EDGES = 20_000  # beyond, finding how much each edge is checked would take too long
 _LEAST_REDUNDANCY = 1e-6  # below, rounding is seen
+_ROUNDING = 1e-12  # of the chi of what is measured, and of a turn of a radian
 
 
 class ChiNoise:
@@ -25,12 +26,16 @@ class ChiNoise:
 
     Attributes:
         num_series: series of edges that cycles check.
+        rounding: of chi: what is below is no noise.
     """
 
     def __init__(self, graph: MeasurementGraph) -> None:
         measured = graph.translations
         assert measured is not None
         self.dimension = measured.dimension
+        traces = np.trace(measured.information, axis1=1, axis2=2)
+        squares = 1.0 + (measured.vectors**2).sum(axis=1)
+        self.rounding = _ROUNDING * float(np.sqrt((traces * squares).max(initial=0.0)))
         self._series, cycles = _core.series(graph._core)
         self.num_series = int(self._series.max(initial=-1)) + 1
         checked = self._series >= 0

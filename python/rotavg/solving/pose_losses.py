@@ -24,7 +24,6 @@ LEAST_SHARE = 1e-12  # what is left of an outlier, so that it holds what nothing
 _MAX_ROUNDS = 100
 _SETTLED = 1e-3  # of shares
 _FALLS_LITTLE = 0.8
-_ROUNDING = 1e-9  # of the largest chi
 
 
 def check_pose_loss(loss: str, scale: float | str) -> float | None:
@@ -67,9 +66,10 @@ def reweighted(
     scale: float | None,
     noise_of: Callable[[Floats], float],
     *,
+    rounding: float,
     graduate: bool,
-) -> tuple[Floats, float]:
-    """Shares (m,) that settle, and the scale, by reweighted least squares.
+) -> tuple[Floats, float, bool]:
+    """Shares (m,), the scale, and whether they have settled, by reweighted least squares.
 
     Args:
         fit: chi (m,) of what fits best with some shares (m,) of the information.
@@ -77,12 +77,13 @@ def reweighted(
         loss: any but "l2".
         scale: None to take the noise of that time several times, until it is reached.
         noise_of: of chi.
+        rounding: of chi: the least scale.
         graduate: begin with Geman and McClure's loss at the scale of the largest chi, and halve
             that each time, so that what most edges agree on comes first (graduated non-convexity).
     """
     now, chi = start
     stage = float(chi.max(initial=0.0)) if graduate else np.inf
-    least = max(_ROUNDING * float(chi.max(initial=0.0)), np.finfo(np.float64).tiny)
+    least = max(rounding, np.finfo(np.float64).tiny)
     wanted, last = np.inf, False
     for _ in range(_MAX_ROUNDS):
         if not last:
@@ -93,7 +94,7 @@ def reweighted(
             last = stage <= wanted and wanted >= _FALLS_LITTLE * before
         left = shares(loss if stage <= wanted else "geman_mcclure", chi, max(stage, least))
         if last and np.abs(left - now).max(initial=0.0) < _SETTLED:
-            break
+            return now, max(stage, least), True
         now = left
         chi = fit(now)
-    return now, max(stage, least)
+    return now, max(stage, least), False

@@ -80,32 +80,32 @@ class PoseSolution(NodeMapping):
 
     @property
     def is_outlier(self) -> NDArray[np.bool_]:
-        """(m,) of which edges the loss has left less than half."""
-        return read_only(self.edge_shares < 0.5)
+        """(m,) of which edges the loss has left less than half, and those that are `solution`'s."""
+        return read_only((self.edge_shares < 0.5) | self.solution.is_outlier)
 
     @property
     def inlier_graph(self) -> MeasurementGraph:
-        """The graph of all nodes, without these edges and those that are outliers in `solution`.
+        """The graph of all nodes, without these edges.
 
         Raises GraphError if no edge is left.
         """
-        dropped = self.is_outlier | self.solution.is_outlier
+        dropped = self.is_outlier
         return self.graph.edge_subgraph(~dropped) if dropped.any() else self.graph
 
     @cached_property
     def translation_fit(self) -> TranslationFit:
         """How well the positions fit the translations of the edges that are no outliers."""
-        kept = ~(self.is_outlier | self.solution.is_outlier)
-        return translation_fit(self.graph, self.rotations, self.positions, kept=kept)
+        return translation_fit(self.graph, self.rotations, self.positions, kept=~self.is_outlier)
 
     def __str__(self) -> str:
         steps = f"{self.iterations} step{'s' * (self.iterations != 1)}"
         text = f"chi^2 {self.chi2_start:.6g}, refined to {self.chi2:.9g} in {steps}; {self.status}"
         if self.loss == "l2":
             return text
+        dropped = int((self.edge_shares < 0.5).sum())
         return (
             f"{text}; {self.loss}, scale {self.loss_scale:.3g}, leaves less than half of "
-            f"{int(self.is_outlier.sum())} of {self.graph.num_edges} edges"
+            f"{dropped} of {self.graph.num_edges} edges"
         )
 
 
@@ -156,6 +156,7 @@ def refine_poses(
     tolerance = options.nonnegative("tolerance", tolerance)
     if priors is None:
         priors = Priors() if solution.grounded is None else solution.grounded.priors
+    expect(priors, Priors)
     if priors.rigs:
         raise OptionError("poses are not refined with rigs among the priors")
     scale = check_pose_loss(loss, loss_scale)
@@ -172,18 +173,21 @@ def refine_poses(
     start = known.start(solution, loss, loss_scale)
     descent = _Descent(*start, measured, known.terms, free, limit, tolerance)
     left, used_scale = np.ones(graph.num_edges), np.inf
-    if loss != "l2":
-        judged, noise = measured_terms(graph, left), ChiNoise(graph)
+    settled = True
+    noise = None if loss == "l2" else ChiNoise(graph)
+    if noise is not None and (scale is not None or noise.num_series > 0):
+        judged = measured_terms(graph, left)
 
         def chi(state: _State) -> Floats:
             return chi_of(judged, state.rotations, state.positions)
 
-        left, used_scale = reweighted(
+        left, used_scale, settled = reweighted(
             lambda shares: chi(descent.run(shares, _ROUGHLY)),
             (np.zeros(graph.num_edges), chi(descent.state)),
             loss,
             scale,
             lambda found: noise(found, 3 if flat else 6),
+            rounding=noise.rounding,
             graduate=False,
         )
     end = descent.run(left)
@@ -191,7 +195,8 @@ def refine_poses(
     rotations[known.held[:, 3]] = end.rotations[known.held[:, 3]]
     return PoseSolution(
         solution, read_only(rotations), read_only(end.positions), end.chi2,
-        descent.cost_of(*start, left), descent.status, descent.tried, loss, used_scale,
+        descent.cost_of(*start, left),
+        descent.status if settled else Status.ITERATION_LIMIT, descent.tried, loss, used_scale,
         read_only(left),
     )  # fmt: skip
 

@@ -101,12 +101,15 @@ def positions(
     if loss == "l2":
         return solved(everything)
     noise = ChiNoise(graph)
-    left, _ = reweighted(
+    if scale is None and noise.num_series == 0:  # nothing checks any edge
+        return solved(everything)
+    left, _, _ = reweighted(
         chi_with,
         (everything, chi_with(everything)),
         loss,
         scale,
         lambda chi: noise(chi, measured.dimension),
+        rounding=noise.rounding,
         graduate=loss != "huber",
     )
     return solved(left)

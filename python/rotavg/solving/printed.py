@@ -112,11 +112,20 @@ def _what_holds(solution: Solved) -> Rows:
     if solution.grounded is not None:
         rows += solution.grounded.rows(solution.rotations, solution.certificate is not None)
         rows += _gravity(solution)
-    elif solution.rigs is None and (knows := getattr(solution.graph.source, "knows", "")):
+    knows = getattr(solution.graph.source, "knows", "")
+    if knows and not _uses_file(solution):
         rows.append(("not used", f"{knows}, which the graph's file has (rotavg.read_priors)"))
     if solution.rigs is not None:
         rows.append(("rigs", solution.rigs.sentence))
     return rows
+
+
+def _uses_file(solution: Solved) -> bool:
+    """Whether rigs or fixed rotations, which are what files of measurements know, are in use."""
+    if solution.grounded is None:
+        return solution.rigs is not None
+    priors = solution.grounded.priors
+    return solution.rigs is not None or bool(priors.rigs) or bool(priors.fixed)
 
 
 def _gravity(solution: Solved) -> Rows:

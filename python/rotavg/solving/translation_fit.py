@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg.base.arrays import as_floats, read_only
-from rotavg.base.errors import GraphError
+from rotavg.base.errors import GraphError, expect
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.solving.chi_noise import ChiNoise
 
@@ -117,6 +117,7 @@ def translation_fit(
     Raises:
         GraphError: the graph has no translations, or arrays of the wrong shape.
     """
+    expect(graph, MeasurementGraph)
     n = graph.num_nodes
     R = as_floats(rotations, (n, 3, 3), "rotations")
     p = as_floats(positions, (n, 3), "positions")

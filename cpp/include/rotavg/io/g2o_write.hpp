@@ -155,21 +155,27 @@ enum class VertexPositions {
 };
 
 /// A solution as the file that its graph came from, with new poses: a vertex gets its rotation, in
-/// the gauge of the file (in_gauge_of), and the position that fits it; one that the file fixes
-/// keeps its pose. Nodes without a vertex get one. Every other byte stays. Where the file has no
-/// translations to fit positions to, vertices keep theirs.
+/// the gauge of the file (detail::in_gauge_of), and the position that fits it; one that the file
+/// fixes keeps its pose. Nodes without a vertex get one. Every other byte stays. Where the file has
+/// no translations to fit positions to, vertices keep theirs.
 /// @param R (n,) in the order of the nodes
 /// @param components those of the solution
-/// @throws std::invalid_argument for another number of rotations, and where positions cannot be
-///         solved for
+/// @param edge_shares (m,) what a robust loss has left of the edges, which then counts for
+///        positions, too: RobustSolution::edge_weights over the given weights; empty: all of them
+/// @throws std::invalid_argument for another number of rotations or shares, and where positions
+///         cannot be solved for
 inline std::string to_g2o(const PoseFile& file, Rotations R, const Components& components,
-                          VertexPositions which = VertexPositions::fitted) {
+                          VertexPositions which = VertexPositions::fitted,
+                          const std::vector<double>& edge_shares = {}) {
   detail::require_one_pose_each(file, R.size(), R.size());
-  const std::vector<Vertex> anchors = in_gauge_of(file, components, R);
+  const std::vector<Vertex> anchors = detail::in_gauge_of(file, components, R);
   if (which == VertexPositions::kept || file.translations.empty()) {
     return detail::put_back(file, R, {});
   }
-  return detail::put_back(file, R, fitted_positions(file, R, anchors));
+  if (!edge_shares.empty() && edge_shares.size() != file.translations.size()) {
+    throw std::invalid_argument("expected a share for every edge, or none");
+  }
+  return detail::put_back(file, R, detail::fitted_positions(file, R, anchors, edge_shares));
 }
 
 /// The same with positions (n,) of your own, in the world of R: they are turned and moved with it
@@ -179,9 +185,9 @@ inline std::string to_g2o(const PoseFile& file, const Rotations& R, const Compon
                           const std::vector<Vector3>& positions) {
   detail::require_one_pose_each(file, R.size(), positions.size());
   Rotations turned = R;
-  const std::vector<Vertex> anchors = in_gauge_of(file, components, turned);
+  const std::vector<Vertex> anchors = detail::in_gauge_of(file, components, turned);
   return detail::put_back(file, turned,
-                          moved_positions(file, components, R, turned, anchors, positions));
+                          detail::moved_positions(file, components, R, turned, anchors, positions));
 }
 
 }  // namespace rotavg::io

@@ -12,7 +12,7 @@
 #include <rotavg/so3/small_products.hpp>
 #include <rotavg/types.hpp>
 
-namespace rotavg::io {
+namespace rotavg::io::detail {
 
 /// Turns every component as a whole such that the vertices that the file fixes keep their
 /// rotations, or else its first node does. (Of several, the mean of what each asks for decides, and
@@ -50,12 +50,19 @@ inline std::vector<Vertex> in_gauge_of(const PoseFile& file, const Components& c
 
 /// Positions (n,) that fit rotations in the gauge of the file: rotavg::positions of its
 /// translations, where the vertices that keep their poses are held.
+/// @param shares (m,) of the edges' information; empty: all of it
 /// @throws std::invalid_argument where they cannot be solved for
 inline std::vector<Vector3> fitted_positions(const PoseFile& file, const Rotations& R,
-                                             const std::vector<Vertex>& anchors) {
+                                             const std::vector<Vertex>& anchors,
+                                             const std::vector<double>& shares) {
   std::vector<FixedPosition> fixed;
   for (const Vertex& vertex : anchors) fixed.push_back({vertex.node, vertex.position});
-  return positions(file.graph(), R, file.translations, file.translation_information, fixed);
+  std::vector<Matrix3> information = file.translation_information;
+  if (!shares.empty()) {
+    information.resize(file.translations.size(), Matrix3::Identity());
+    for (std::size_t k = 0; k < information.size(); ++k) information[k] *= shares[k];
+  }
+  return positions(file.graph(), R, file.translations, information, fixed);
 }
 
 /// Positions (n,) moved as the rotations of their components were turned, and to where the vertices
@@ -88,4 +95,4 @@ inline std::vector<Vector3> moved_positions(const PoseFile& file, const Componen
   return p;
 }
 
-}  // namespace rotavg::io
+}  // namespace rotavg::io::detail

@@ -29,7 +29,7 @@ inline Thresholds thresholds(const RobustLoss& loss, double noise, const std::ve
   // Heavy tails reach far; a few residuals do not tell them from outliers.
   constexpr std::size_t few = 100;
   constexpr double most_noises = 10.0;
-  if (loss.kind != Loss::tls && x.size() >= few) {
+  if (loss.kind != Loss::tls && x.size() >= few && noise < most_noise) {
     const Tails tails = residual_tails(x, noise, space);
     const double noisy = std::min(tails.random_beyond(), tails.reach(x.size()));
     threshold = std::clamp(noisy, threshold, most_noises * noise);
