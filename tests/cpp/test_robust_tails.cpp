@@ -8,6 +8,7 @@
 #include <rotavg/robust/scale.hpp>
 #include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/robust/tails.hpp>
+#include <rotavg/robust/thresholds.hpp>
 #include <rotavg/solve/solve.hpp>
 
 #include "support/contaminated.hpp"
@@ -113,6 +114,23 @@ TEST_CASE("of drawn noise one in so many is beyond reach(), in one case of ten")
     CHECK(beyond == doctest::Approx(draws / 1000.0).epsilon(0.35));  // 200, give or take 14
     CHECK(tails.reach(10000) > r);
   }
+}
+
+TEST_CASE("tails end where residuals become more again") {
+  Random random;
+  INFO(random.replay());
+  std::vector<double> x = drawn(random, 5000, 2, 0.01, 0.0);
+  const double noise = noise_scale(x, 5000);
+  CHECK(end_of_tails(x, noise) > 5.0 * noise);  // of tails alone nowhere but by chance
+  // A hundred wrong edges that are all off by about seven noises are no tail.
+  for (int k = 0; k < 100; ++k) {
+    x.push_back(std::pow(7.0 * noise * random.uniform(0.97, 1.03), 2));
+  }
+  const double end = end_of_tails(x, noise);
+  CHECK(end >= 3.0 * noise);
+  CHECK(end < 6.8 * noise);
+  const RobustLoss loss{Loss::cauchy, noise};
+  CHECK(thresholds(loss, noise, x, 3).told == doctest::Approx(end).epsilon(1e-12));
 }
 
 TEST_CASE("any residuals have tails that are numbers") {

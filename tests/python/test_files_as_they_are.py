@@ -140,7 +140,9 @@ def test_rotations_that_irotavg_holds_fixed(tmp_path: Path) -> None:
     path = put(tmp_path, "g.irotavg", "4 4 2", *edges, *(row(q) for q in wxyz))
     graph = read(path)
     assert graph.notes[0] == "2 absolute rotations that are not fixed not read"
-    assert graph.notes[1].startswith("2 rotations held fixed; `rotavg solve` uses them where it can")
+    assert graph.notes[1].startswith(
+        "2 rotations held fixed; `rotavg solve` uses them where it can"
+    )
     ids, held = read_rotations(path)
     assert ids.tolist() == [2, 5]
     np.testing.assert_allclose(held, truth[:2], atol=1e-14)

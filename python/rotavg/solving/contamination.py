@@ -22,10 +22,11 @@ def contamination(
 ) -> str | None:
     """Advice to use a robust loss, if these residual angles (m,) in radians look contaminated.
 
-    That is where more than 2 % of them lie beyond 3 standard deviations, estimated from the median
-    as if they were half of a normal distribution (which has 0.3 % there, and rotation noise in all
-    three directions none), and some far beyond, where two kinds of noise have nothing; or more than
-    1 % beyond 90 degrees. Angles are compared in units of their 1 / sqrt(weight).
+    That is where more than 3 % of them lie beyond 3 standard deviations, or 2 % and some far beyond,
+    where two kinds of noise have nothing. The deviation is estimated from the median as if they
+    were half of a normal distribution (which has 0.3 % there, and rotation noise in all three
+    directions none). Or more than 1 % lie beyond 90 degrees. Angles are compared in units of their
+    1 / sqrt(weight).
     """
     if len(angles) == 0:
         return None
@@ -69,7 +70,7 @@ def _advice(scaled: NDArray[np.float64], wild: float) -> str | None:
     noise = max(float(np.median(scaled)) / 0.6745, 1e-6)
     beyond = float(np.mean(scaled > 3 * noise))
     far = float(np.mean(scaled > max(3 * noise, min(_FAR_NOISES * noise, _FAR))))
-    contaminated = beyond > 0.02 and far > _LEAST_FAR
+    contaminated = beyond > 0.03 or (beyond > 0.02 and far > _LEAST_FAR)
     if not contaminated and wild <= 0.01 and 3 * noise <= np.pi:
         return None
     if 3 * noise > np.pi:  # no angle of noise; the median is

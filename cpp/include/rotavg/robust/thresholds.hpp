@@ -1,6 +1,8 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstddef>
 #include <limits>
 #include <vector>
@@ -17,8 +19,29 @@ struct Thresholds {
   double doubtful = std::numeric_limits<double>::infinity();  ///< of the verdicts
 };
 
-/// Three times the noise; more where its tails are heavier, as far as they reach, and no random
-/// rotation is likelier there. Of tls its scale.
+/// How far out from 3 noises residuals become fewer, 20 % of r after 20 %: beyond, more are wrong
+/// edges, whatever these have in common, than are tails. Ten noises at most.
+/// @param x squared residuals, in units of their precision
+inline double end_of_tails(const std::vector<double>& x, double noise) {
+  constexpr double step = 1.2, chance = 2.0;  // standard deviations
+  constexpr std::size_t bins = 9;  // 3 noises and 1.2^7 times as much, and one on each side
+  const double first = outlier_noises * noise / step;
+  std::array<double, bins> count{};
+  for (const double x_k : x) {
+    if (x_k < first * first) continue;
+    const auto b = static_cast<std::size_t>(0.5 * std::log(x_k / (first * first)) / std::log(step));
+    if (b < bins) count[b] += 1.0;
+  }
+  double end = outlier_noises * noise;
+  for (std::size_t b = 1; b < bins; ++b) {
+    if (count[b] > count[b - 1] + chance * std::sqrt(count[b - 1] + 1.0)) break;
+    if (b + 1 < bins) end = first * std::pow(step, static_cast<double>(b + 1));
+  }
+  return end;
+}
+
+/// Three times the noise; more where its tails are heavier, as far as they reach, no random
+/// rotation is likelier there, and no other wrong edges begin. Of tls its scale.
 ///
 /// @param x squared residuals of the series, in units of their precision
 /// @param space Tails::space
@@ -31,7 +54,8 @@ inline Thresholds thresholds(const RobustLoss& loss, double noise, const std::ve
   constexpr double most_noises = 10.0;
   if (loss.kind != Loss::tls && x.size() >= few && noise < most_noise) {
     const Tails tails = residual_tails(x, noise, space);
-    const double noisy = std::min(tails.random_beyond(), tails.reach(x.size()));
+    const double noisy =
+        std::min({tails.random_beyond(), tails.reach(x.size()), end_of_tails(x, noise)});
     threshold = std::clamp(noisy, threshold, most_noises * noise);
   }
   // Within a scale that was given, which may be far beyond the noise, most of an edge's weight is
