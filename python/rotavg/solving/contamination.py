@@ -22,11 +22,11 @@ def contamination(
 ) -> str | None:
     """Advice to use a robust loss, if these residual angles (m,) in radians look contaminated.
 
-    That is where more than 3 % of them lie beyond 3 standard deviations, or 2 % and some far beyond,
-    where two kinds of noise have nothing. The deviation is estimated from the median as if they
-    were half of a normal distribution (which has 0.3 % there, and rotation noise in all three
-    directions none). Or more than 1 % lie beyond 90 degrees. Angles are compared in units of their
-    1 / sqrt(weight).
+    That is where more than 3 % of them lie beyond 3 standard deviations, or 2 % and some of these
+    far beyond, where two kinds of noise have nothing. The deviation is estimated from the median
+    as if they were half of a normal distribution (which has 0.3 % there, and rotation noise in all
+    three directions none). Or more than 1 % lie beyond 90 degrees. Angles are compared in units of
+    their 1 / sqrt(weight).
     """
     if len(angles) == 0:
         return None
