@@ -78,7 +78,7 @@ inline Settling settle(RobustRun& run, const RobustLoss& asked, double freedom,
   return settled;
 }
 
-/// Where the noise is like a normal one, as of simulations and of sensors, a loss that bends off
+/// Where the noise is like a normal one in all directions, as of sensors, a loss that bends off
 /// late loses less than one that heavy tails ask for. It shows at rotations that a blunt loss
 /// leaves: a sharp one meets many measurements exactly, whose noise then seems to have heavy tails.
 ///

@@ -21,7 +21,7 @@ namespace rotavg {
 struct Tails {
   int space = 3;         ///< dimensions of what rotations are possible: 1 of those about one axis
   int dimension = 3;     ///< of the noise; 1: its angle is like half of a distribution on a line
-  double freedom = 1.0;  ///< degrees of freedom: from 10 or so on hardly other than a normal one
+  double freedom = 1.0;  ///< degrees of freedom: from 8 or so on hardly other than a normal one
   double sigma = 0.0;    ///< of every direction near zero, radians: of an edge of precision 1
   double random = 0.0;   ///< share of the edges that are drawn at random
   double log_likelihood = -std::numeric_limits<double>::infinity();
