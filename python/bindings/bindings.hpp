@@ -9,6 +9,7 @@ void bind_solve(pybind11::module_& m);
 void bind_anisotropic(pybind11::module_& m);
 void bind_certify(pybind11::module_& m);
 void bind_online(pybind11::module_& m);
+void bind_poses(pybind11::module_& m);
 void bind_priors(pybind11::module_& m);
 void bind_robust(pybind11::module_& m);
 void bind_uncertainty(pybind11::module_& m);

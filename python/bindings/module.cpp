@@ -13,6 +13,7 @@ PYBIND11_MODULE(ROTAVG_CORE, m) {
   rotavg_python::bind_anisotropic(m);
   rotavg_python::bind_certify(m);
   rotavg_python::bind_online(m);
+  rotavg_python::bind_poses(m);
   rotavg_python::bind_robust(m);
   rotavg_python::bind_uncertainty(m);
 }

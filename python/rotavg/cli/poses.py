@@ -115,5 +115,5 @@ def fit_of(
         known = known_poses(solution, getattr(graph.source, "fixed_poses", {}), Priors())
         start = known.start(solution)
         return rotavg.translation_fit(graph, *start, kept=~solution.is_outlier)
-    except (rotavg.MissingExtraError, rotavg.SolverError):  # of which `write` has warned
+    except rotavg.SolverError:  # of which `write` has warned
         return None

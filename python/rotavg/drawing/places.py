@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotavg.base.errors import MissingExtraError, SolverError
+from rotavg.base.errors import SolverError
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.positions import positions as positions_in_file
 from rotavg.solving.positions import positions
@@ -16,15 +16,15 @@ def positions_of(
 ) -> tuple[NDArray[np.float64], str] | None:
     """Positions (n, 3) to draw poses at, and a sentence that says where they come from.
 
-    Those that fit the relative translations best, given the rotations; without translations (or
-    SciPy) those of the file that the graph was read from; None where there are none, either.
+    Those that fit the relative translations best, given the rotations; without translations
+    those of the file that the graph was read from; None where there are none, either.
     """
     if graph.translations is not None:
         try:
             return positions(graph, rotations), (
                 "The positions fit the measured translations best, given these rotations."
             )
-        except (MissingExtraError, SolverError):
+        except SolverError:
             pass
     found = positions_in_file(graph)
     if found is None:

@@ -127,7 +127,7 @@ def write(
 
     The new content appears all at once or not at all. A pose graph that was read from a file goes
     back into it: everything but the new poses stays as it was. Where it has translations, positions
-    are solved for (see `rotavg.positions`; needs SciPy), after a robust loss of the rotations with
+    are solved for (see `rotavg.positions`), after a robust loss of the rotations with
     what it has left of the edges.
 
     Args:
@@ -140,18 +140,17 @@ def write(
             of the whole solution.
 
     Warns:
-        IncompleteWarning: SciPy is missing, so that the translations in a pose graph's file stay
-            as they were; or the format has no place for the ids, for weights that are not all
-            equal, or for nodes without an edge.
+        IncompleteWarning: the positions cannot be solved for, so that the translations in a pose
+            graph's file stay as they were; or the format has no place for the ids, for weights
+            that are not all equal, or for nodes without an edge.
 
     Raises:
         FileAccessError: the file cannot be written, or the folder has other things in it; what was
             there before is untouched.
         GraphError: outliers are to be dropped, and all edges are.
         FormatError: unknown format, or one that cannot hold this (say, names as ids in g2o).
-        MissingExtraError: SciPy is missing, and the format (tum, colmap_images) has no other
-            positions than those that are solved for.
-        SolverError: the positions cannot be solved for.
+        SolverError: the positions cannot be solved for, and the format (tum, colmap_images,
+            open3d) has no others.
     """
     if not isinstance(graph_or_solution, (MeasurementGraph, SolutionLike)):
         found = type(graph_or_solution).__name__

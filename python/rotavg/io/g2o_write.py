@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotavg.base.errors import FormatError, IncompleteWarning, MissingExtraError, SolverError
+from rotavg.base.errors import FormatError, IncompleteWarning, SolverError
 from rotavg.graph.covariances import information_to_write
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io import bulk
@@ -227,7 +227,7 @@ def _positions(
     try:
         shares = robust_shares(solution)
         return positions(solution.graph, rotations, fixed=known, edge_shares=shares)
-    except (MissingExtraError, SolverError) as error:
+    except SolverError as error:
         warnings.warn(
             f"{path}: only the rotations are new; the translations do not fit them ({error})",
             IncompleteWarning,
