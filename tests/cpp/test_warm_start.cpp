@@ -12,8 +12,10 @@
 #include <rotavg/init/warm_start.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/problem/objective.hpp>
+#include <rotavg/robust/solve_robust.hpp>
 #include <rotavg/solve/solve.hpp>
 
+#include "support/contaminated.hpp"
 #include "support/graphs.hpp"
 #include "support/random.hpp"
 
@@ -182,6 +184,27 @@ TEST_CASE("after a few new edges a sparse graph is solved by Newton's method at 
   CHECK(warm.method == Method::newton);
   CHECK(warm.certificate.verdict == Verdict::proved);
   CHECK(warm.objective == doctest::Approx(cold.objective).epsilon(1e-9));
+}
+
+TEST_CASE("a robust solution goes on from its own answer without l1 and graduation, and stays") {
+  Random random;
+  INFO(random.replay());
+  const auto [graph, truth, is_wrong] = test::contaminated(random, test::complete(40), 0.03, 0.4);
+  for (const Loss kind : {Loss::cauchy, Loss::geman_mcclure, Loss::tls}) {
+    CAPTURE(static_cast<int>(kind));
+    RobustOptions robust;
+    robust.loss = kind;
+    robust.scale = 0.15;
+    const RobustSolution first = solve_robust(graph, {}, robust);
+    robust.continues = true;
+    CHECK(solve_robust(graph, {}, robust).objective == first.objective);  // there is no start
+    const RobustSolution again = solve_robust(graph, {}, robust, first.rotations);
+    CHECK(again.reason.find("after 0 of l1") != std::string::npos);
+    CHECK(again.robust_objective <= first.robust_objective * (1.0 + 1e-9));
+    CHECK(again.robust_objective == doctest::Approx(first.robust_objective).epsilon(1e-4));
+    CHECK(again.iterations < first.iterations);
+    CHECK(again.certificate.verdict == Verdict::proved);
+  }
 }
 
 TEST_CASE("join_pieces refuses what does not fit the graph") {

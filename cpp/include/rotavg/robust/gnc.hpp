@@ -42,8 +42,8 @@ inline std::vector<RobustLoss> graduation(const RobustLoss& loss) {
   return surrogates;
 }
 
-/// Graduated non-convexity: two reweightings for each surrogate, or fewer where nothing is gained,
-/// each from where the last one ended. While it lasts, the objective of the loss itself may rise;
+/// Graduated non-convexity: two reweightings for each surrogate, or one where it gains little, each
+/// from where the last one ended. While it lasts, the objective of the loss itself may rise;
 /// what is reported is that of the surrogate. Losses that are not bounded have no surrogates.
 ///
 /// @returns rotations from which irls() may go on, and how many reweightings were made
@@ -51,6 +51,7 @@ inline IterationResult gnc(const MeasurementGraph& graph, const Rotations& R,
                            const RobustLoss& loss, const std::vector<double>& precision,
                            const InnerSteps& inner, const IterationOptions& options) {
   constexpr int reweightings = 2;
+  constexpr double little = 1e-3;  // of the objective
   Quaternions q = to_quaternions(R);
   RobustResiduals residuals(graph, precision,
                             resolve_num_threads(options.num_threads, graph.num_edges()));
@@ -60,7 +61,7 @@ inline IterationResult gnc(const MeasurementGraph& graph, const Rotations& R,
     rest.max_iterations = std::min(rest.max_iterations, reweightings);
     Monitor monitor(graph, R, rest);
     residuals.update(q, surrogate);
-    reweight(residuals, q, inner, 0.0, monitor);
+    reweight(residuals, q, inner, little, monitor);
     const IterationResult ended = std::move(monitor).result({});
     result.iterations += ended.iterations;
     result.seconds += ended.seconds;

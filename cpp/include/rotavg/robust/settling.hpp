@@ -29,8 +29,8 @@ constexpr int most_reweightings = 500;
 
 }  // namespace detail
 
-/// The loss by reweighting, of a bounded one by graduated non-convexity first, at a scale that was
-/// given or that goes with the noise.
+/// The loss by reweighting, of a bounded one by graduated non-convexity first if asked for, at a
+/// scale that was given or that goes with the noise.
 ///
 /// Where l1 has not come far, as on large graphs, the noise was taken for more than it is. So it is
 /// looked at again where the loss has settled roughly, and if it is less than half the scale falls
@@ -47,7 +47,7 @@ constexpr int most_reweightings = 500;
 ///        earlier answer
 inline Settling settle(RobustRun& run, const RobustLoss& asked, double freedom,
                        const Consensus& consensus, const std::vector<Rotations>& earlier,
-                       int limit) {
+                       bool graduates, int limit) {
   constexpr double rough_gain = 1e-3, much_less = 0.5, nearly_all = 0.9;
   Settling settled;
   RobustLoss& loss = settled.loss;
@@ -56,7 +56,7 @@ inline Settling settle(RobustRun& run, const RobustLoss& asked, double freedom,
   noise = consensus.noise;
   loss.kind = asked.kind == Loss::automatic ? Loss::cauchy : asked.kind;
   loss.scale = asked.scale == 0.0 ? default_scale(loss.kind, freedom) * noise : asked.scale;
-  const Rotations R = run.graduated(consensus.rotations, loss);
+  const Rotations R = graduates ? run.graduated(consensus.rotations, loss) : consensus.rotations;
   result = run.reweighted(R, loss, rough_gain, limit);
   const double noise_now = freedom > nearly_all ? run.noise_at(result.rotations)
                                                 : run.noise_off_tree_at(result.rotations);

@@ -90,7 +90,7 @@ ROTAVG_INLINE RigEstimate estimate_rigs(const MeasurementGraph& graph, const Rig
                                         std::optional<Rotations> start) {
   check(options);
   constexpr int max_rounds = 30;
-  constexpr double settled = 1e-6;  // radians
+  constexpr double settled = 1e-5;  // radians
   const Stopwatch watch;
   const RigLayout layout(graph, rigs);
   RigEstimate estimate;
@@ -169,9 +169,12 @@ ROTAVG_INLINE RigSolution solve_rigs(const MeasurementGraph& graph, const Rigs& 
   // A robust solve finds a scale and weights anew: sensors and weights have to agree in the end.
   constexpr int max_rounds = 10;
   constexpr double settled = 1e-5;  // radians
+  std::optional<RobustOptions> from_estimate = robust;
+  if (robust) from_estimate->continues = layout.any_estimated();
   for (int round = 0;; ++round) {
     const GroundedGraph held(graph, solution.rigs.held(graph, rigs, priors));
-    static_cast<RobustSolution&>(solution) = detail::solve_either(held, left(), robust, start);
+    static_cast<RobustSolution&>(solution) =
+        detail::solve_either(held, left(), from_estimate, start);
     if (!robust || !layout.any_estimated() || solution.status == Status::stopped || stop.made()) {
       break;
     }

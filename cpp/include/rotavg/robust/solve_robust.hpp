@@ -26,6 +26,9 @@ struct RobustOptions {
   WeightKind weight_kind = WeightKind::automatic;
   EdgeKnowledge known;
   bool priors = true;  ///< whether the loss is that of absolute priors and gravity, too
+  /// Whether the start is where this loss has ended before, on nearly the same problem: then
+  /// neither l1 nor graduated non-convexity goes before the reweightings.
+  bool continues = false;
 };
 
 /// What a robust loss has made of absolute priors, or of gravity.

@@ -180,6 +180,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
                 {part.of_edges(units.precision), part.of_edges(units.voices)}, watch);
 
   // 1.
+  const bool continues = start && robust.continues;
   run.judge_evenly(true);
   Initialization init = Initialization::automatic;
   std::vector<Rotations> answers;
@@ -187,7 +188,8 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
                           : run.least_squares(part.of_edges(robust.known.initial_weights), init));
   const bool knows_weights = !robust.known.initial_weights.empty();
   const auto with_l1 = [&](const Rotations& R) {
-    return run.reweighted(R, {Loss::l1, l1_scale}, l1_gain, knows_weights ? 0 : l1_limit);
+    return run.reweighted(R, {Loss::l1, l1_scale}, l1_gain,
+                          knows_weights || continues ? 0 : l1_limit);
   };
   IterationResult l1 = with_l1(answers.back());
   const bool starts_freely = !start && options.init == Initialization::automatic && !knows_weights;
@@ -212,7 +214,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   const bool compares =
       robust.loss == Loss::automatic && !start && options.init == Initialization::automatic;
   Settling settled = settle(run, {robust.loss, robust.scale}, freedom, consensus, answers,
-                            compares ? brief_limit : detail::most_reweightings);
+                            !continues, compares ? brief_limit : detail::most_reweightings);
   RobustLoss& loss = settled.loss;
   double& noise = settled.noise;
   IterationResult& reweighted = settled.result;
