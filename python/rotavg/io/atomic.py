@@ -89,7 +89,7 @@ def check_writable(path: Path) -> None:
     elif path.is_dir():
         reason = "it is a folder"
     elif not folder.is_dir():
-        reason = f"there is no folder {folder}"
+        reason = f"{folder} is no folder" if folder.exists() else f"there is no folder {folder}"
     elif not os.access(path if path.exists() else folder, os.W_OK):
         reason = "permission denied"
     else:
