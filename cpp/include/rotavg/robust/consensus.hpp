@@ -28,8 +28,8 @@ struct Consensus {
 ///    neighbours would have them (take_votes). If they are many, others can vote better after the
 ///    loss has settled, and do, up to four times in all.
 ///
-/// @param run that judges every edge evenly; from 2. on, and when this returns, each in its own
-///        units
+/// @param run that judges edges in any way; from 2. on, and when this returns, each in its own
+/// units
 /// @param graph that it runs on
 /// @param R world_from_i
 inline Consensus find_consensus(RobustRun& run, const MeasurementGraph& graph, Rotations R) {
@@ -53,14 +53,15 @@ inline Consensus find_consensus(RobustRun& run, const MeasurementGraph& graph, R
   noise = std::min(noise, most_noise);
 
   // 2.
-  run.judge_evenly(false);
+  run.judge_in_own_units();
   Consensus consensus;
   for (int k = 0; k < most_rounds && go_on(); ++k) {
     const Index moved =
-        take_votes(graph, run.given(), run.precision(),
+        take_votes(graph, run.given(), run.judged_by(),
                    {Loss::geman_mcclure, outlier_noises * noise}, R, run.keep_going());
     consensus.moved += moved;
-    if (moved > 0) noise = std::min(most_noise, noise_at(R));
+    // Nodes that were met exactly, and moved, are no sign of more noise.
+    if (moved > 0) noise = std::min(noise, noise_at(R));
     if (moved <= many * graph.num_nodes()) break;
     settle(noise, brief_gain, brief_limit);
     noise = std::min(most_noise, noise_at(R));

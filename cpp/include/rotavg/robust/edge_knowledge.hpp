@@ -86,6 +86,8 @@ struct EdgeUnits {
   /// (m,) of every edge: the square of the inverse of its scale, or its weight over the median
   /// weight; 1 where the weights are frequencies; 0 of trusted edges. Empty: all 1.
   std::vector<double> precision;
+  /// (m,) the same as if no edge were trusted; empty where none is.
+  std::vector<double> free_precision;
   /// (m,) weights for where most is still wrong: every edge has one voice, whatever its precision,
   /// since edges that are wrong, but said to be precise, would drown all others. Empty: the given.
   std::vector<double> voices;
@@ -117,6 +119,7 @@ inline EdgeUnits edge_units(const MeasurementGraph& graph, const EdgeKnowledge& 
   for (Index k = 0; k < graph.num_edges(); ++k) {
     if (!known.trusts(k)) continue;
     if (units.precision.empty()) units.precision.assign(graph.edges().size(), 1.0);
+    if (units.free_precision.empty()) units.free_precision = units.precision;
     units.precision[k] = 0.0;
     if (!units.voices.empty()) units.voices[k] = graph.edges()[k].weight;
   }

@@ -29,6 +29,14 @@
 
 namespace rotavg {
 
+/// How edges are judged while most may still be wrong, and afterwards.
+enum class Judging {
+  in_own_units,         ///< residuals in units of their precision; trusted edges as they are
+  freely_in_own_units,  ///< the same, and trusted edges are edges like any other
+  evenly,  ///< every edge has one voice (EdgeUnits::voices), and residuals are as they are
+  freely_and_evenly,  ///< the same, and trusted edges are edges like any other
+};
+
 /// The stages of a robust solution, which share the limits, the callback and the watch.
 class RobustRun {
  public:
@@ -72,7 +80,7 @@ class RobustRun {
     return noise_off_tree(series_residuals_at(R), series_.num_cycles);
   }
   double objective_at(const Rotations& R, const RobustLoss& loss) {
-    return robust_objective(given_, squared_residuals_at(R), loss, precision(), num_threads_);
+    return robust_objective(given_, squared_residuals_at(R), loss, judged_by(), num_threads_);
   }
   int num_threads() const { return num_threads_; }
   int iterations() const { return iterations_; }
@@ -86,12 +94,39 @@ class RobustRun {
              (!options_.iteration.keep_going || options_.iteration.keep_going());
     };
   }
-  /// Whether every edge has one voice from now on (EdgeUnits::voices), and residuals are judged as
-  /// they are.
-  void judge_evenly(bool evenly) {
-    evenly_ = evenly;
-    if (!units_.voices.empty()) graph_.set_weights(evenly ? units_.voices : given_);
+  /// From now on.
+  void judge(Judging judging) {
+    judging_ = judging;
+    if (!units_.voices.empty()) {
+      const bool evenly = judging == Judging::evenly || judging == Judging::freely_and_evenly;
+      graph_.set_weights(evenly ? units_.voices : given_);
+    }
   }
+  /// In their own units from now on, trusted or free as before.
+  void judge_in_own_units() {
+    const bool freely =
+        judging_ == Judging::freely_and_evenly || judging_ == Judging::freely_in_own_units;
+    judge(freely ? Judging::freely_in_own_units : Judging::in_own_units);
+  }
+  /// (m,) the precisions by which residuals are judged now; empty: all 1.
+  const std::vector<double>& judged_by() const {
+    static const std::vector<double> all_alike;
+    switch (judging_) {
+      case Judging::in_own_units:
+        break;
+      case Judging::freely_in_own_units:
+        if (trusts_any()) return units_.free_precision;
+        break;
+      case Judging::evenly:
+        return trusting_;
+      case Judging::freely_and_evenly:
+        return all_alike;
+    }
+    return precision();
+  }
+
+  bool trusts_any() const { return !trusting_.empty(); }
+  bool has_own_units() const { return !units_.voices.empty(); }
 
   SolveOptions stage(int max_iterations) const {
     SolveOptions stage = options_;
@@ -164,8 +199,7 @@ class RobustRun {
                              int max_iterations) {
     IterationOptions iteration = stage(ended_ == Status::not_run ? max_iterations : 0).iteration;
     iteration.stop = StopRule::gradient;
-    IterationResult result =
-        irls(graph_, R, loss, evenly_ ? trusting_ : precision(), inner_, least_gain, iteration);
+    IterationResult result = irls(graph_, R, loss, judged_by(), inner_, least_gain, iteration);
     took(result);
     return result;
   }
@@ -173,7 +207,7 @@ class RobustRun {
   /// A bounded loss by graduated non-convexity.
   Rotations graduated(const Rotations& R, const RobustLoss& loss) {
     if (ended_ != Status::not_run) return R;
-    const IterationResult result = gnc(graph_, R, loss, precision(), inner_, remaining_limits());
+    const IterationResult result = gnc(graph_, R, loss, judged_by(), inner_, remaining_limits());
     took(result);
     return result.rotations;
   }
@@ -221,7 +255,7 @@ class RobustRun {
   int iterations_ = 0;
   Status ended_ = Status::not_run;
   InnerSteps inner_;
-  bool evenly_ = false;
+  Judging judging_ = Judging::in_own_units;
   std::vector<double> trusting_;  ///< (m,) precisions of 1, but for edges that are trusted
 };
 

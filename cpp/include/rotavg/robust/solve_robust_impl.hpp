@@ -14,7 +14,7 @@
 #include <rotavg/graph/checked_part.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/problem/check_rotations.hpp>
-#include <rotavg/robust/consensus.hpp>
+#include <rotavg/robust/approach.hpp>
 #include <rotavg/robust/cycles.hpp>
 #include <rotavg/robust/default_scale.hpp>
 #include <rotavg/robust/edge_knowledge.hpp>
@@ -42,13 +42,14 @@ namespace detail {
 constexpr double pi = 3.141592653589793;
 
 /// In words, for people, hence in degrees.
-inline std::string describe(const RobustLoss& loss, int l1_reweightings, Index moved,
-                            int reweightings) {
+inline std::string describe(const Approach& approach, int reweightings) {
   std::ostringstream text;
   text.precision(2);
-  text << reweightings << " reweightings at the scale of " << loss.scale * 180.0 / pi
-       << " deg, after " << l1_reweightings << " of l1 and " << moved
-       << (moved == 1 ? " node" : " nodes") << " moved by votes";
+  const Index moved = approach.consensus.moved;
+  text << reweightings << " reweightings at the scale of "
+       << approach.settled.loss.scale * 180.0 / pi << " deg, after " << approach.l1_reweightings
+       << " of l1" << approach.manner << " and " << moved << (moved == 1 ? " node" : " nodes")
+       << " moved by votes";
   return text.str();
 }
 
@@ -105,22 +106,6 @@ inline std::vector<Alternative> told(const MeasurementGraph& graph,
   return alternatives;
 }
 
-/// Whether l1 may end far off: it all but does not depend on the start where edges are many.
-inline bool has_few_edges(const MeasurementGraph& graph) {
-  constexpr double few = 12.0;  // at a node
-  return 2.0 * graph.num_edges() <= few * graph.num_nodes();
-}
-
-/// Whether more than noise or a few wrong edges contradict rotations.
-inline bool many_contradict(RobustRun& run, const Rotations& R) {
-  constexpr double many = 0.02;
-  const std::vector<double> x = run.series_residuals_at(R);
-  const double most = outlier_noises * run.noise_at(R);
-  const auto beyond =
-      std::count_if(x.begin(), x.end(), [&](double x_s) { return x_s > most * most; });
-  return static_cast<double>(beyond) > many * static_cast<double>(x.size());
-}
-
 /// (m,) edges that the cycle check leaves out: none that is trusted.
 inline std::vector<bool> refuted_edges(const MeasurementGraph& graph, const SolveOptions& options,
                                        const RobustOptions& robust, const Stopwatch& watch) {
@@ -155,8 +140,7 @@ inline void check(const RobustOptions& robust, const MeasurementGraph& graph) {
 ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
                                           const SolveOptions& options, const RobustOptions& robust,
                                           std::optional<Rotations> start) {
-  constexpr double l1_scale = 0.01, l1_gain = 1e-3;
-  constexpr int l1_limit = 60, brief_limit = 30;
+  constexpr int brief_limit = 30;
   check(options);
   detail::check(robust, graph);
   const Stopwatch watch;
@@ -177,47 +161,28 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   const CheckedPart part(weighted, left_out);
   const double freedom = part.series().freedom();
   RobustRun run(part.graph(), options, part.series_of_part(),
-                {part.of_edges(units.precision), part.of_edges(units.voices)}, watch);
+                {part.of_edges(units.precision), part.of_edges(units.free_precision),
+                 part.of_edges(units.voices)},
+                watch);
 
-  // 1.
-  const bool continues = start && robust.continues;
-  run.judge_evenly(true);
-  Initialization init = Initialization::automatic;
-  std::vector<Rotations> answers;
-  answers.push_back(start ? part.of_nodes(checked_rotations(graph, std::move(*start)))
-                          : run.least_squares(part.of_edges(robust.known.initial_weights), init));
-  const bool knows_weights = !robust.known.initial_weights.empty();
-  const auto with_l1 = [&](const Rotations& R) {
-    return run.reweighted(R, {Loss::l1, l1_scale}, l1_gain,
-                          knows_weights || continues ? 0 : l1_limit);
-  };
-  IterationResult l1 = with_l1(answers.back());
-  const bool starts_freely = !start && options.init == Initialization::automatic && !knows_weights;
-  if (starts_freely && detail::has_few_edges(part.graph()) && run.ended() == Status::not_run &&
-      detail::many_contradict(run, l1.rotations)) {
-    if (const auto chordal = run.least_squares_from_chordal()) {
-      IterationResult other = with_l1(*chordal);
-      if (other.objective < l1.objective) {
-        l1 = std::move(other);
-        init = Initialization::chordal;
-      }
-    }
-  }
-  answers.push_back(l1.rotations);
-
-  // 2. and 3.
-  const Consensus consensus = find_consensus(run, part.graph(), answers.back());
-  answers.push_back(consensus.rotations);
-  const double prepared = run.seconds();
-
-  // 4.
+  // 1. to 4.
+  detail::ApproachOptions rules;
+  rules.knows_weights = !robust.known.initial_weights.empty();
+  rules.continues = start && robust.continues;
+  rules.starts_freely = !start && options.init == Initialization::automatic && !rules.knows_weights;
   const bool compares =
       robust.loss == Loss::automatic && !start && options.init == Initialization::automatic;
-  Settling settled = settle(run, {robust.loss, robust.scale}, freedom, consensus, answers,
-                            !continues, compares ? brief_limit : detail::most_reweightings);
-  RobustLoss& loss = settled.loss;
-  double& noise = settled.noise;
-  IterationResult& reweighted = settled.result;
+  rules.most_reweightings = compares ? brief_limit : detail::most_reweightings;
+  Initialization init = Initialization::automatic;
+  run.judge(Judging::evenly);
+  const Rotations R0 = start ? part.of_nodes(checked_rotations(graph, std::move(*start)))
+                             : run.least_squares(part.of_edges(robust.known.initial_weights), init);
+  detail::Approach approach =
+      detail::best_approach(run, part, R0, {robust.loss, robust.scale}, rules);
+  if (approach.from_chordal) init = Initialization::chordal;
+  RobustLoss& loss = approach.settled.loss;
+  double& noise = approach.settled.noise;
+  IterationResult& reweighted = approach.settled.result;
 
   // 5.
   const auto go_on = [&] { return run.ended() == Status::not_run; };
@@ -241,7 +206,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   if (robust.loss == Loss::automatic && robust.scale == 0.0 && go_on()) {
     settle_on_normal_noise(run, space, noise, loss, reweighted);
   }
-  const double reweighting_seconds = run.seconds() - prepared;
+  const double reweighting_seconds = run.seconds() - approach.prepared;
 
   // 7.
   Rotations R = part.extended(reweighted.rotations);
@@ -266,9 +231,9 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   solution.init = init;
   solution.iterations += run.iterations();
   solution.trace = std::move(reweighted.trace);
-  solution.timings.init += prepared;
+  solution.timings.init += approach.prepared;
   solution.timings.solve += reweighting_seconds;
-  solution.reason = detail::describe(loss, l1.iterations, consensus.moved, reweighted.iterations) +
+  solution.reason = detail::describe(approach, reweighted.iterations) +
                     detail::describe(portfolio) +
                     (solution.reason.empty() ? "" : "; then " + solution.reason);
 
@@ -281,7 +246,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   solution.loss = loss;
   solution.noise = noise;
   solution.noise_shows = noise < most_noise;
-  solution.moved_by_votes = consensus.moved;
+  solution.moved_by_votes = approach.consensus.moved;
   solution.edge_weights = std::move(weights);
   solution.robust_objective =
       robust_objective(counted, x, loss, units.precision, run.num_threads());

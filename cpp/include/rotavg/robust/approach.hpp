@@ -1,0 +1,133 @@
+#pragma once
+
+#include <algorithm>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <rotavg/graph/checked_part.hpp>
+#include <rotavg/robust/consensus.hpp>
+#include <rotavg/robust/loss.hpp>
+#include <rotavg/robust/run.hpp>
+#include <rotavg/robust/scale.hpp>
+#include <rotavg/robust/settling.hpp>
+#include <rotavg/solve/result.hpp>
+#include <rotavg/types.hpp>
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
+
+namespace rotavg {
+
+namespace detail {
+
+/// Whether l1 may end far off: it all but does not depend on the start where edges are many.
+inline bool has_few_edges(const MeasurementGraph& graph) {
+  constexpr double few = 12.0;  // at a node
+  return 2.0 * graph.num_edges() <= few * graph.num_nodes();
+}
+
+/// Whether more than noise or a few wrong edges contradict rotations.
+inline bool many_contradict(RobustRun& run, const Rotations& R) {
+  constexpr double many = 0.02;
+  const std::vector<double> x = run.series_residuals_at(R);
+  const double most = outlier_noises * run.noise_at(R);
+  const auto beyond =
+      std::count_if(x.begin(), x.end(), [&](double x_s) { return x_s > most * most; });
+  return static_cast<double>(beyond) > many * static_cast<double>(x.size());
+}
+
+struct ApproachOptions {
+  bool knows_weights = false;  ///< the start is that of robust weights
+  bool continues = false;      ///< RobustOptions::continues
+  bool starts_freely = false;  ///< neither a start nor an initialisation was asked for
+  int most_reweightings = 0;
+};
+
+/// From a start to where the loss has settled: l1, what many agree on, the loss.
+struct Approach {
+  Settling settled;
+  Consensus consensus;
+  int l1_reweightings = 0;
+  bool from_chordal = false;
+  double prepared = 0.0;  ///< seconds of the run, before the loss
+  std::string manner;     ///< how l1 was judged, in words, where that is not as usual
+};
+
+inline Approach approach(RobustRun& run, const CheckedPart& part, const Rotations& start,
+                         const RobustLoss& asked, const ApproachOptions& rules, Judging judging) {
+  constexpr double l1_scale = 0.01, l1_gain = 1e-3;
+  constexpr int l1_limit = 60;
+  const MeasurementGraph& graph = part.graph();
+  const double freedom = part.series().freedom();
+  Approach found;
+  run.judge(judging);
+  const auto with_l1 = [&](const Rotations& R) {
+    return run.reweighted(R, {Loss::l1, l1_scale}, l1_gain,
+                          rules.knows_weights || rules.continues ? 0 : l1_limit);
+  };
+  IterationResult l1 = with_l1(start);
+  if (rules.starts_freely && has_few_edges(graph) && run.ended() == Status::not_run &&
+      many_contradict(run, l1.rotations)) {
+    if (const auto chordal = run.least_squares_from_chordal()) {
+      IterationResult other = with_l1(*chordal);
+      if (other.objective < l1.objective) {
+        l1 = std::move(other);
+        found.from_chordal = true;
+      }
+    }
+  }
+  found.l1_reweightings = l1.iterations;
+  found.consensus = find_consensus(run, graph, l1.rotations);
+  found.prepared = run.seconds();
+  found.settled = settle(run, asked, freedom, found.consensus,
+                         {start, std::move(l1.rotations), found.consensus.rotations},
+                         !rules.continues, rules.most_reweightings);
+  if (run.trusts_any() && judging != Judging::evenly) {  // so far none was
+    run.judge(Judging::in_own_units);
+    found.settled.result = run.reweighted(found.settled.result.rotations, found.settled.loss,
+                                          settled_gain, rules.most_reweightings);
+  }
+  return found;
+}
+
+/// Whether hardly any edge closes a cycle, as on a trajectory with some loop closures: there voices
+/// of one size would let a closure bend thousands of edges, each a little.
+inline bool is_chain(const MeasurementGraph& graph, Index num_cycles) {
+  constexpr double hardly_any = 0.1;
+  return num_cycles < hardly_any * graph.num_edges();
+}
+
+/// The approach that ends with the least objective, at the smallest of the scales: l1 gives every
+/// edge one voice, since a precision may be wrong, but for trusted edges. These it takes at their
+/// word, which holds a chain so stiffly that right closures may seem wrong; so it is tried without
+/// trust, too, and, where there is trust or a chain, with the precisions as they are.
+inline Approach best_approach(RobustRun& run, const CheckedPart& part, const Rotations& start,
+                              const RobustLoss& asked, const ApproachOptions& rules) {
+  Approach best = approach(run, part, start, asked, rules, Judging::evenly);
+  if (rules.knows_weights || rules.continues) return best;
+  const auto try_with = [&](Judging judging, const char* manner) {
+    if (run.ended() != Status::not_run) return;
+    Approach other = approach(run, part, start, asked, rules, judging);
+    RobustLoss loss = best.settled.loss;
+    loss.scale = std::min(loss.scale, other.settled.loss.scale);
+    if (run.objective_at(other.settled.result.rotations, loss) <
+        run.objective_at(best.settled.result.rotations, loss)) {
+      best = std::move(other);
+      best.manner = manner;
+    }
+  };
+  const bool trusts = run.trusts_any();
+  if (trusts) try_with(Judging::freely_and_evenly, " that trusted none");
+  if (run.has_own_units() && (trusts || is_chain(part.graph(), part.series().num_cycles))) {
+    try_with(Judging::freely_in_own_units,
+             trusts ? " by precision that trusted none" : " by precision");
+  }
+  return best;
+}
+
+}  // namespace detail
+
+}  // namespace rotavg
+
+#pragma GCC diagnostic pop
