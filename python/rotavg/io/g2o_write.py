@@ -151,6 +151,8 @@ def _put_back(path: Path, source: PoseFile, item: Writable, graph: MeasurementGr
         % (1 + kept, dialect.num_pose - kept),
         re.DOTALL,
     )
+    gone = source.nodes - nodes
+    of_gone = _priors_of(source, gone)
     out: list[bytes] = []
     before_edges, ending = None, b""
     for line, text in enumerate(source.data.splitlines(keepends=True), start=1):
@@ -171,7 +173,9 @@ def _put_back(path: Path, source: PoseFile, item: Writable, graph: MeasurementGr
             if edges.weights[k] != edges.source.weights[k]:
                 text = _reweighted(dialect, text, float(edges.weights[k]))
         elif fields[:1] == [FIX]:
-            text = _fix_line(text, source.nodes - nodes)
+            text = _fix_line(text, gone)
+        elif line in of_gone:
+            continue
         out.append(text)
     out[before_edges:before_edges] = [
         _vertex(dialect, *vertex).encode() + (ending or b"\n") for vertex in missing.items()
@@ -263,6 +267,14 @@ def _edges(dialect: Dialect, graph: MeasurementGraph) -> bytes:
 
 def _short(number: float) -> str:
     return "0" if number == 0 else repr(number)
+
+
+def _priors_of(source: PoseFile, nodes: frozenset[int]) -> set[int]:
+    """The lines of the priors of these nodes."""
+    ids = {str(node).encode() for node in nodes}
+    lines = source.pose_priors.entries if ids and source.pose_priors is not None else ()
+    fields = ((line, text.split(None, 2)) for line, text in lines)
+    return {line for line, words in fields if words[0][:4] == b"EDGE" and ids & set(words[1:2])}
 
 
 def _fix_line(text: bytes, gone: frozenset[int]) -> bytes:
