@@ -228,9 +228,9 @@ def test_refined_poses_are_those_of_gtsam(tmp_path: Path) -> None:
     optimum = gtsam.LevenbergMarquardtOptimizer(factors, values).optimize()
     for k in range(10):
         np.testing.assert_allclose(
-            poses.rotations[k], optimum.atPose3(k).rotation().matrix(), atol=2e-3
+            poses.rotations[k], optimum.atPose3(k).rotation().matrix(), atol=1e-4
         )
-        np.testing.assert_allclose(poses.positions[k], optimum.atPose3(k).translation(), atol=2e-3)
+        np.testing.assert_allclose(poses.positions[k], optimum.atPose3(k).translation(), atol=1e-4)
 
 
 def test_positions_alone_place_refined_poses(tmp_path: Path) -> None:
