@@ -12,7 +12,7 @@ radians, quaternions xyzw.
 
     MeasurementGraph    the measurements; from arrays, SciPy, NetworkX, pandas
     read, write         files of many formats; read_rotations, write_edges, write_covariances
-    read_priors         what they know beside the measurements: rigs, gravity; read_rigs
+    read_priors         what they know beside the measurements: priors, rigs, gravity; read_rigs
     solve               the rotations: a Solution, with a Certificate
     certify             the certificate of rotations from elsewhere
     Online              the same while edges come and go

@@ -47,6 +47,8 @@ def good_files(folder: Path) -> dict[str, list[Path]]:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 rotavg.write(path, item, format=form.name)
+            if form.name == "g2o" and kind == "a":
+                path.write_text(path.read_text() + _PRIORS)
             paths.append(path)
         if form.name in _BY_HAND:
             path = folder / form.name / "h" / name
@@ -63,6 +65,10 @@ def text(content: str) -> Callable[[Path], Any]:
 
 
 UPPER3 = "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 4 0 0 4 0 4"
+_PRIORS = (
+    "PARAMS_SE3OFFSET 0 0 0 0 0 0 0.6 0.8\n"
+    f"EDGE_SE3_PRIOR 1 0 1 2 3 0 0 0 1 {UPPER3}\nEDGE_SE3_XYZ_PRIOR 1 0 1 2 3 1 0 0 1 0 1\n"
+)
 
 
 def _database(path: Path) -> None:
@@ -104,6 +110,7 @@ _BY_HAND: dict[str, Callable[[Path], Any]] = {
     "g2o": text(
         "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0.1\nFIX 0\nEDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 4\n"
         "EDGE_SE2 1 2 1 0 0.1 1 0 0.1 1 0 4\n# a comment\nEDGE_SE2 2 0 1 0 0.1 1 0 0 1 0 4\n"
+        "EDGE_PRIOR_SE2 1 1 2 0.1 1 0 0 1 0 4\nEDGE_PRIOR_SE2_XY 2 1 2 1 0 1\n"
     ),
     "toro": text(
         f"VERTEX3 0 0 0 0 0 0 0\nEDGE3 0 1 1 0 0 0 0 0.1 {UPPER3}\n"
@@ -115,6 +122,7 @@ _BY_HAND: dict[str, Callable[[Path], Any]] = {
         f"EDGE_SE3:QUAT 0.5 A0 A1 1 0 0 0 0 0 1 {UPPER3}\nEDGE_RANGE 0.5 A0 L0 1 0.1\n"
         f"EDGE_SE3:QUAT 0.5 A1 A2 1 0 0 0 0 0 1 {UPPER3}\n"
         f"EDGE_SE3:QUAT 1 A0 A2 1 0 0 0 0 0 1 {UPPER3}\n"
+        f"VERTEX_SE3:QUAT:PRIOR 1 A2 1 0 0 0 0 0 1 {UPPER3}\n"
     ),
     "jrl": text(
         '{"name": "n", "robots": ["a"], "measurements": {"a": [{"stamp": 0, "measurements": ['
@@ -123,7 +131,8 @@ _BY_HAND: dict[str, Callable[[Path], Any]] = {
             f'"covariance": {_COVARIANCE}}}'
             for i, j in ((0, 1), (1, 2), (0, 2))
         )
-        + '], "x": 1}, {"stamp": 1, "measurements": [{"type": "PriorFactorPose3", "key": 0}]}]}}'
+        + '], "x": 1}, {"stamp": 1, "measurements": [{"type": "PriorFactorPose3", "key": 0, '
+        f'"prior": {_POSE3}, "covariance": {_COVARIANCE}}}]}}]}}}}'
     ),
     "csv": text(
         "name1;name2;weight;qw;qx;qy;qz;note\na;b;1;1,0;0;0;0;x\nb;c;2;0,6;0,8;0;0;\na;c;1;1;0;0;0;\n"

@@ -31,6 +31,8 @@ import numpy as np
 
 import rotavg
 from rotavg.io import FORMATS
+from rotavg.io.pose_priors import priors_in
+from rotavg.io.priors import priors_of_poses
 from tests.fuzz.beside import BESIDE, good_files_beside
 from tests.fuzz.good_files import good_files
 from tests.fuzz.mutations import mutated, pick
@@ -101,6 +103,15 @@ def _read(form: Any, path: Path, how: int) -> None:
             columns=columns,
         )
         _sound(graph, solve=how % 8 == 0)
+        found = priors_in(graph.source)
+        if found is not None:
+            priors = priors_of_poses(found, graph)
+            assert not priors.fixed
+            for R, weight in priors.absolute.values():
+                assert np.isfinite(R).all()
+                assert 0 < weight < np.inf
+            for known in priors.positions.values():
+                assert all(np.isfinite(part).all() for part in known)
 
 
 def one_case(read: Callable[[], None], place: str, tally: Tally) -> None:

@@ -150,9 +150,11 @@ def test_bad_gtsam_input(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(GraphError, match="found a str, expected a NonlinearFactorGraph or a list"):
         from_gtsam("factors")
     noise = gtsam.noiseModel.Unit.Create(3)
-    both = [gtsam.PriorFactorRot3(1, gtsam.Rot3(), noise)] * 2
-    with pytest.raises(GraphError, match="factor 1 is a second prior of node 1"):
+    both = [gtsam.PriorFactorRot3(1, gtsam.Rot3.Rz(angle), noise) for angle in (0.0, 0.1)]
+    refused = "factor 1 is a second prior of node 1, of another rotation than prior factor 0; exp"
+    with pytest.raises(GraphError, match=refused):
         priors_from_gtsam(both)
+    assert priors_from_gtsam(both[:1] * 2).absolute[1][1] == pytest.approx(1.0)  # half of 2
     monkeypatch.setitem(sys.modules, "gtsam", None)
     with pytest.raises(MissingExtraError, match=r'pip install "rotavg\[gtsam\]"'):
         to_gtsam(turns())

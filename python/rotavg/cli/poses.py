@@ -77,12 +77,19 @@ class Refinement:
             found = "the graph has no relative translations"
             raise rotavg.FormatError(f"{found}: there are no poses to refine", path=path)
 
-    def run(self, solution: rotavg.Solution) -> rotavg.PoseSolution | None:
-        """The refined poses, if they were asked for."""
+    def run(
+        self, solution: rotavg.Solution, priors: rotavg.Priors | None
+    ) -> rotavg.PoseSolution | None:
+        """The refined poses, if they were asked for, with the priors of the solution."""
         if not self.refine:
             return None
+        if solution.grounded is not None:
+            priors = None  # it has them, and the rigs that were found
+        scale = self._scale()
         with working("refining poses"):
-            return rotavg.refine_poses(solution, loss=self.pose_loss, loss_scale=self._scale())
+            return rotavg.refine_poses(
+                solution, priors=priors, loss=self.pose_loss, loss_scale=scale
+            )
 
     def _scale(self) -> float | Literal["auto"]:
         if self.pose_loss_scale == "auto":

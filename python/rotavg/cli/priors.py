@@ -14,7 +14,8 @@ from rotavg.cli import options
 from rotavg.graph.conventions import Convention
 from rotavg.io import read_gravity, read_rigs, read_rotations
 from rotavg.io.of_graph import ids_like, of_graph
-from rotavg.io.priors import fixed_of
+from rotavg.io.pose_priors import priors_in
+from rotavg.io.priors import fixed_of, priors_of_poses
 from rotavg.io.rigs import rigs_of
 
 _NODES = (
@@ -58,6 +59,11 @@ _HEADINGS = click.option(
     help="Hold gravity exactly and solve for headings only; --gravity must cover every node "
     "(with calibrated rigs, every frame).",
 )
+_NO_PRIORS = click.option(
+    "--no-priors",
+    is_flag=True,
+    help="Leave the priors of poses in a JRL, PyFG or g2o file aside.",
+)
 
 
 @dataclass(frozen=True)
@@ -79,7 +85,7 @@ class KnownNodes:
 
 def prior_options(command: Any) -> Any:
     """The options about what is known of nodes."""
-    return known_node_options(_HEADINGS(command))
+    return known_node_options(_NO_PRIORS(_HEADINGS(command)))
 
 
 def known_node_options(command: Any) -> Any:
@@ -99,16 +105,20 @@ def check_prior_options(known: KnownNodes) -> None:
         raise click.UsageError("--gravity-weight is for --gravity, which is not given")
 
 
-def read_priors(graph: rotavg.MeasurementGraph, known: KnownNodes) -> rotavg.Priors | None:
+def read_priors(
+    graph: rotavg.MeasurementGraph, known: KnownNodes, of_poses: rotavg.Priors | None = None
+) -> rotavg.Priors | None:
     """The priors in these files, of the nodes that the graph has; None where nothing is known.
 
-    Also those rotations that the graph's own file holds fixed, and its rigs. What the files say of
-    other nodes is skipped, counted and told on stderr.
+    Also those rotations that the graph's own file holds fixed, its rigs, and its priors of poses.
+    What the files say of other nodes is skipped, counted and told on stderr.
     """
+    of_poses = of_poses or rotavg.Priors()
     rotations = fixed_of(graph.source, graph)
     rigs = None if known.no_rigs else _rigs(graph, known.rigs_path)
     fixed, gravity, weight = known.fixed_path, known.gravity_path, known.gravity_weight
-    if fixed is None and gravity is None and not rotations and rigs is None:
+    here = bool(rotations or of_poses.absolute or of_poses.positions)
+    if fixed is None and gravity is None and not here and rigs is None:
         return None
     if weight is None:
         weight = float(np.median(graph.weights))
@@ -124,9 +134,31 @@ def read_priors(graph: rotavg.MeasurementGraph, known: KnownNodes) -> rotavg.Pri
         downs = _told(of_graph(gravity, ids_like(graph, names), vectors, graph))
     return rotavg.Priors(
         fixed=rotations,
+        absolute={k: known for k, known in of_poses.absolute.items() if k not in rotations},
+        positions=of_poses.positions,
         gravity={node: (down, weight) for node, down in downs.items()},
         rigs={} if rigs is None else rigs,
     )
+
+
+def priors_of_file(graph: rotavg.MeasurementGraph, *, unit_weights: bool) -> rotavg.Priors | None:
+    """The priors of poses in the graph's own file, told on stderr; None without such."""
+    found = priors_in(graph.source)
+    if found is None:
+        return None
+    priors = priors_of_poses(found, graph, unit_weights=unit_weights)
+    what = [
+        f"{len(known)} {name}{'s' * (len(known) != 1)}{use}"
+        for name, known, use in (
+            ("rotation", priors.absolute, ""),
+            ("position", priors.positions, " (which count with --refine-poses)"),
+        )
+        if known
+    ]
+    if what:
+        told = f"priors of {' and '.join(what)}, as the graph's file says (--no-priors)"
+        click.echo(f"note: {told}", err=True)
+    return priors
 
 
 def with_doubts(

@@ -19,7 +19,13 @@ from rotavg.cli.losses import radians_of
 from rotavg.cli.options import taken, typed
 from rotavg.cli.output import beside_files, print_json, print_notes, print_solution, print_text
 from rotavg.cli.poses import Refinement, fit_of
-from rotavg.cli.priors import KnownNodes, check_prior_options, read_priors, with_doubts
+from rotavg.cli.priors import (
+    KnownNodes,
+    check_prior_options,
+    priors_of_file,
+    read_priors,
+    with_doubts,
+)
 from rotavg.cli.progress import progress, working
 from rotavg.cli.reading import NAMES as READING
 from rotavg.cli.reading import read_graph
@@ -43,6 +49,7 @@ def solve(
     no_certify: bool,
     as_json: bool,
     headings: bool,
+    no_priors: bool,
     follow: bool,
     distributed: bool,
     scheduler: str | None,
@@ -77,13 +84,16 @@ def solve(
     files.check(input_path, [*nodes.paths, *edges.paths, *_further_inputs(settings)])
 
     start = time.perf_counter()
+    unit_weights = settings["unit_weights"]
     with working(f"reading {input_path}"):
         graph = read_graph(input_path, **{name: settings.pop(name) for name in READING})
     read_seconds = time.perf_counter() - start
     if not as_json:
         print_notes(graph)
     refinement.check_input(input_path, graph)
-    graph = _read_what_is_known(graph, nodes, edges, settings, told=not as_json)
+    aside = no_priors or headings
+    of_poses = None if aside else priors_of_file(graph, unit_weights=unit_weights)
+    graph = _read_what_is_known(graph, nodes, edges, of_poses, settings, told=not as_json)
 
     settings.update(num_threads=threads, certify=not no_certify)
     solution, interrupted = _solve(graph, settings, headings=headings)
@@ -91,7 +101,7 @@ def solve(
     poses = None
     try:
         if not interrupted:
-            poses = refinement.run(solution)
+            poses = refinement.run(solution, settings["priors"])
             files.write_covariances(solution)
     finally:  # what was solved is written, whether it has covariances or not
         files.write(solution, poses, input_path, read_seconds)
@@ -168,13 +178,14 @@ def _read_what_is_known(
     graph: rotavg.MeasurementGraph,
     nodes: KnownNodes,
     edges: KnownEdges,
+    of_poses: rotavg.Priors | None,
     settings: dict[str, Any],
     *,
     told: bool,
 ) -> rotavg.MeasurementGraph:
     """Put it into the settings, the start as well; the graph, with doubts as its notes."""
     settings.update(read_known_edges(graph, edges))
-    priors = settings["priors"] = read_priors(graph, nodes)
+    priors = settings["priors"] = read_priors(graph, nodes, of_poses)
     if priors is not None:
         graph = with_doubts(graph, priors, told=told)
     if isinstance(settings["init"], Path):

@@ -39,7 +39,7 @@ GROUPS = {
     "The answer": ("gauge", "refine", "pose_loss", "pose_loss_scale"),
     "Prior knowledge": (
         *("fixed_path", "fixed_convention", "gravity_path", "gravity_weight"),
-        *("headings", "rigs_path", "no_rigs"),
+        *("headings", "rigs_path", "no_rigs", "no_priors"),
     ),
     "Uncertainty": ("covariances_path", "noise_variance"),
     "Anisotropic noise": ("anisotropic", "anisotropic_log", "covariances"),

@@ -24,7 +24,8 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, distinct, read_fields
 from rotavg.io.colmap_database import ColmapImages
 from rotavg.io.lines import BYTE_ORDER_MARK, exactly, ids_of, is_number, shown
-from rotavg.io.registry import Format, Writable, positions_of
+from rotavg.io.placed import positions_of
+from rotavg.io.registry import Format, Writable
 
 _COLUMNS = ("IMAGE_ID", "qw", "qx", "qy", "qz", "tx", "ty", "tz", "CAMERA_ID", "NAME")
 _TITLE = re.compile(rb"^#\s*IMAGE_ID, QW", re.MULTILINE)

@@ -32,6 +32,7 @@ from rotavg.io import (
 from rotavg.io.g2o_write import PoseFile
 from rotavg.io.lost import isolated, lost, lost_ids
 from rotavg.io.outliers import check_drops_outliers, without_outliers
+from rotavg.io.pose_priors import priors_in
 from rotavg.io.registry import (
     Format,
     ReadOptions,
@@ -213,9 +214,15 @@ def losses(
     source = graph.source
     if graph.covariances is not None and not chosen.has_covariances:
         told.append(f"the covariances are not in it, {chosen.name} is written without")
-    if isinstance(source, PoseFile) and not (
-        chosen.puts_back and chosen.recognises(source.data[: registry.HEAD_SIZE])
-    ):
+    put_back = (
+        isinstance(source, PoseFile)
+        and chosen.puts_back
+        and chosen.recognises(source.data[: registry.HEAD_SIZE])
+    )
+    known = priors_in(source)
+    if known is not None and not put_back:
+        told.append(f"{known.knows} not in it")
+    if isinstance(source, PoseFile) and not put_back:
         if source.vertices:
             told.append(f"the poses of {len(source.vertices)} vertices are not in it")
         if source.fixed:

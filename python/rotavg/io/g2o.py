@@ -22,7 +22,7 @@ from rotavg.graph.covariances import not_used, of_information
 from rotavg.graph.ids import as_edges, as_ids, edge_error, unique_ids
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.translations import RelativeTranslations, first_not_positive_definite
-from rotavg.io import g2o_write
+from rotavg.io import g2o_priors, g2o_write
 from rotavg.io.absolute import (
     AbsoluteRotations,
     RotationReader,
@@ -39,7 +39,8 @@ from rotavg.io.lines import (
     is_number,
     shown,
 )
-from rotavg.io.registry import Format, ReadOptions, blame_line
+from rotavg.io.pose_priors import PriorsOfFile
+from rotavg.io.registry import Format, ReadOptions, blame_line, how_used
 from rotavg.io.rounding import quaternion_notes
 
 _EDGES = {dialect.edge: dialect for dialect in DIALECTS}
@@ -59,6 +60,7 @@ def read_g2o(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
     vertices: dict[Dialect, Lines] = defaultdict(Lines)
     unknown: Counter[bytes] = Counter()
     fixed: dict[int, int] = {}
+    of_priors: list[tuple[int, bytes]] = []
     kinds = [(d.edge, 2, d.num_pose + len(d.order)) for d in DIALECTS]
     kinds += [(d.vertex, 1, d.num_pose) for d in DIALECTS]
     found = read_at_once(data, kinds)
@@ -77,14 +79,21 @@ def read_g2o(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
             vertices[_VERTICES[tag]].add(path, line, text.split(None, 2), num_ids=1)
         elif tag == g2o_write.FIX:
             fixed.update(dict.fromkeys(integers(path, line, text.split()[1:]), line))
+        elif tag in g2o_priors.TAGS:
+            of_priors.append((line, text))
         else:
             unknown[tag] += 1
     if not edges:
+        unknown += g2o_priors.priors_in_lines(path, None, of_priors)[1]
         raise FormatError(f"the file has no edges: {_no_line(vertices, unknown)}", path=path)
     dialect = max((d for d in DIALECTS if d in edges), key=lambda d: len(edges[d].lines))
     unknown += Counter({d.edge: len(e.lines) for d, e in edges.items() if d is not dialect})
     unknown += Counter({d.vertex: len(v.lines) for d, v in vertices.items() if d is not dialect})
-    return _graph(path, data, options, dialect, edges[dialect], vertices[dialect], fixed, unknown)
+    priors, useless = g2o_priors.priors_in_lines(path, dialect, of_priors)
+    return _graph(
+        path, data, options, dialect, edges[dialect], vertices[dialect], fixed, priors,
+        unknown + useless,
+    )  # fmt: skip
 
 
 def read_vertices(path: Path, data: bytes) -> AbsoluteRotations:
@@ -126,6 +135,7 @@ def _graph(
     edges: Lines,
     vertices: Lines,
     fixed: dict[int, int],
+    priors: PriorsOfFile | None,
     unknown: Counter[bytes],
 ) -> MeasurementGraph:
     lines = edges.lines
@@ -137,6 +147,8 @@ def _graph(
     poses = table[:, : dialect.num_pose]
     turns = poses[:, dialect.dimension :]
     notes = _unknown_notes(unknown)
+    if priors is not None:
+        notes += (f"{priors.knows}{how_used(path)}",)
     if dialect is G2O_3D:
         notes += quaternion_notes(path, turns, lines)
     else:
@@ -175,6 +187,7 @@ def _graph(
                 frozenset(nodes.tolist()),
                 dict(zip(vertices.ids, given)),
                 frozenset(fixed),
+                priors,
             ),
             notes=notes + further,
             covariances=covariances,

@@ -15,15 +15,16 @@ from rotavg.graph.covariances import information_to_write
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io import bulk
 from rotavg.io.dialects import G2O_2D, G2O_3D, TORO_2D, TORO_3D, Dialect
+from rotavg.io.g2o_gauge import gauge_of, turned_along
 from rotavg.io.lines import exactly
+from rotavg.io.placed import refined_positions, robust_shares
+from rotavg.io.pose_priors import PriorsOfFile
 from rotavg.io.registry import (
     SolutionLike,
     Writable,
     edges_to_write,
-    refined_positions,
-    robust_shares,
 )
-from rotavg.solving.anchors import in_gauge_of
+from rotavg.solving.anchors import moved_to
 from rotavg.solving.positions import positions
 
 Floats = NDArray[np.float64]
@@ -43,6 +44,7 @@ class PoseFile:
     nodes: frozenset[int] = field(repr=False)  # as read; FIX may name other things as well
     vertices: dict[int, Floats] = field(repr=False)  # the numbers (num_pose,) of each
     fixed: frozenset[int]
+    pose_priors: PriorsOfFile | None = None
 
     @property
     def fixed_poses(self) -> dict[int, tuple[Floats, Floats]]:
@@ -63,9 +65,10 @@ def write_g2o(path: Path, item: Writable) -> bytes:
     """The content of a g2o file of a graph or a solution.
 
     What came from a g2o file goes back into it. A vertex keeps its id and gets the new pose; one
-    that the file fixes keeps its pose, too. In a component without such, the first node keeps its
-    pose: that is the gauge. Vertex and edge lines go with their nodes and edges; an edge with a new
-    weight has the rotation part of its information scaled to it. Every other byte stays.
+    that the file fixes keeps its pose, too. A component without such stays in the world of the
+    priors that the solution was found with, or else its first node keeps its pose: that is the
+    gauge. Vertex and edge lines go with their nodes and edges; an edge with a new weight has the
+    rotation part of its information scaled to it. Every other byte stays.
 
     Anything else is written with the inverse of its covariances, scaled by the weights unless these
     are the default 3 / tr, or with the information 2 w I of a rotation of weight w, which reads
@@ -148,6 +151,8 @@ def _put_back(path: Path, source: PoseFile, item: Writable, graph: MeasurementGr
         % (1 + kept, dialect.num_pose - kept),
         re.DOTALL,
     )
+    gone = source.nodes - nodes
+    of_gone = _priors_of(source, gone)
     out: list[bytes] = []
     before_edges, ending = None, b""
     for line, text in enumerate(source.data.splitlines(keepends=True), start=1):
@@ -168,7 +173,9 @@ def _put_back(path: Path, source: PoseFile, item: Writable, graph: MeasurementGr
             if edges.weights[k] != edges.source.weights[k]:
                 text = _reweighted(dialect, text, float(edges.weights[k]))
         elif fields[:1] == [FIX]:
-            text = _fix_line(text, source.nodes - nodes)
+            text = _fix_line(text, gone)
+        elif line in of_gone:
+            continue
         out.append(text)
     out[before_edges:before_edges] = [
         _vertex(dialect, *vertex).encode() + (ending or b"\n") for vertex in missing.items()
@@ -181,42 +188,21 @@ def _new_vertices(
 ) -> tuple[dict[int, Floats], int]:
     """Poses of all nodes in the file's gauge, and how many of their numbers are not new."""
     graph, dialect = solution.graph, source.dialect
-    ids = graph.nodes.tolist()
-    given = {k: source.vertices[node] for k, node in enumerate(ids) if node in source.vertices}
-    poses = np.array(list(given.values())).reshape(-1, dialect.num_pose)
-    usable = np.isfinite(poses).all(axis=1)
-    if dialect == G2O_3D:
-        usable &= (poses[:, 3:] != 0).any(axis=1)
-    rows, poses = np.array(list(given), dtype=np.int64)[usable], poses[usable]
-    turned = dialect.rotations(poses[:, dialect.dimension :])
-    moved = dialect.translations(poses)
-    fixed = np.array([ids[k] in source.fixed for k in rows], dtype=np.bool_)
-    rotations, anchors = in_gauge_of(graph, solution.rotations, rows, turned, fixed)
-    known = {int(k): p for k, p in zip(rows, moved) if k in anchors}
+    gauge = gauge_of(solution, dialect, source.vertices, source.fixed)
     refined = refined_positions(solution)
     if refined is not None:
-        where: Floats | None = _turned(graph, solution.rotations, rotations, refined, known)
+        turned = turned_along(solution.rotations, gauge.rotations, refined)
+        held = {row: (place, np.eye(3)) for row, place in gauge.known.items()}
+        where: Floats | None = moved_to(graph, turned, held)
     else:
-        where = _positions(path, solution, rotations, known)
+        where = _positions(path, solution, gauge.rotations, gauge.known)
+        where = where if where is None else moved_to(graph, where, gauge.placed)
     kept = dialect.dimension if where is None else 0
     translations = np.zeros((graph.num_nodes, 3)) if where is None else where
-    return dict(zip(ids, _numbers(path, dialect, translations, rotations))), kept
-
-
-def _turned(
-    graph: MeasurementGraph, before: Floats, after: Floats, where: Floats, known: dict[int, Floats]
-) -> Floats:
-    """Positions (n, 3) moved as the rotations were turned, to where some are known to be."""
-    label = graph.components()
-    result = np.einsum("nab,ncb,nc->na", after, before, where)
-    rows, given = np.array(list(known), dtype=np.int64), np.array(list(known.values()))
-    if len(rows):
-        offset = np.zeros((label.max() + 1, 3))
-        np.add.at(offset, label[rows], given - result[rows])
-        count = np.bincount(label[rows], minlength=len(offset))
-        result += (offset / np.maximum(count, 1)[:, None])[label]
-        result[rows] = given
-    return np.asarray(result)
+    for row, place in gauge.known.items():
+        translations[row] = place
+    poses = _numbers(path, dialect, translations, gauge.rotations)
+    return dict(zip(graph.nodes.tolist(), poses)), kept
 
 
 def _positions(
@@ -281,6 +267,14 @@ def _edges(dialect: Dialect, graph: MeasurementGraph) -> bytes:
 
 def _short(number: float) -> str:
     return "0" if number == 0 else repr(number)
+
+
+def _priors_of(source: PoseFile, nodes: frozenset[int]) -> set[int]:
+    """The lines of the priors of these nodes."""
+    ids = {str(node).encode() for node in nodes}
+    lines = source.pose_priors.entries if ids and source.pose_priors is not None else ()
+    fields = ((line, text.split(None, 2)) for line, text in lines)
+    return {line for line, words in fields if words[0][:4] == b"EDGE" and ids & set(words[1:2])}
 
 
 def _fix_line(text: bytes, gone: frozenset[int]) -> bytes:

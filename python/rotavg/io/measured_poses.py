@@ -10,31 +10,38 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotavg.base.errors import FormatError, GraphError
+from rotavg.graph.contents import Source
+from rotavg.graph.conventions import first_bad_quaternion, matrices_from_quaternions
 from rotavg.graph.covariances import not_used, of_information, symmetric
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.translations import RelativeTranslations, first_not_positive_definite
 from rotavg.io.g2o_write import kappa
+from rotavg.io.places import Places
 from rotavg.io.registry import ReadOptions
-from rotavg.io.rounding import MATRIX_TOLERANCE
+from rotavg.io.rounding import MATRIX_TOLERANCE, quaternion_notes
 
 Floats = NDArray[np.float64]
 
 
-class Places:
-    """Where in a file each of m measurements stands: a line, or the name of a place."""
+def turned(path: Path, places: Places, quaternions: Floats) -> tuple[Floats, tuple[str, ...]]:
+    """Rotations (m, 3, 3) of finite quaternions xyzw (m, 4), and what to tell of these.
 
-    def __init__(self, names: Sequence[str] = (), lines: Sequence[int] = ()) -> None:
-        self.names, self.lines = names, lines
-
-    def error(self, path: Path, row: int, reason: str) -> FormatError:
-        """What is wrong with one of them."""
-        if self.lines:
-            return FormatError(reason, path=path, line=self.lines[row])
-        return FormatError(f"{self.names[row]}: {reason}", path=path)
-
-    def name(self, row: int) -> str:
-        """Of one of them, in a sentence."""
-        return f"in line {self.lines[row]}" if self.lines else f"of {self.names[row]}"
+    FormatError for the first that is no rotation.
+    """
+    bad = first_bad_quaternion(quaternions)
+    if bad is not None:
+        raise places.error(path, *bad)
+    try:
+        notes = quaternion_notes(path, quaternions, places.lines or range(1, len(quaternions) + 1))
+    except FormatError as error:
+        if places.lines:
+            raise
+        row = (error.line or 1) - 1
+        with np.errstate(over="ignore"):
+            length = float(np.linalg.norm(quaternions[row]))
+        reason = f"found a quaternion of length {length:.6g}, expected length 1"
+        raise places.error(path, row, reason) from None
+    return matrices_from_quaternions(quaternions), notes
 
 
 def inverse(path: Path, covariances: Floats, places: Places) -> Floats:
@@ -83,6 +90,7 @@ def measured_poses(
     dimension: int = 3,
     nodes: ArrayLike | None = None,
     notes: tuple[str, ...] = (),
+    source: Source | None = None,
 ) -> MeasurementGraph:
     """The graph of measured poses i_from_j.
 
@@ -98,6 +106,7 @@ def measured_poses(
         dimension: 2 where all is in the plane.
         nodes: (n,) ids; None for those in the edges.
         notes: what is known so far to tell.
+        source: what is kept of the file.
     """
     about = information[:, 3:, 3:]
     nothing = (about == 0).all(axis=(1, 2))
@@ -134,6 +143,7 @@ def measured_poses(
             nodes,
             covariances=covariances,
             translations=translations,
+            source=source,
             notes=notes,
             tolerance=MATRIX_TOLERANCE,
             **options.of_graph,

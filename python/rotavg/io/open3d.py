@@ -26,8 +26,10 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import nearest_rotation
 from rotavg.io.absolute import AbsoluteRotations, RotationReader
 from rotavg.io.json_data import entries, member, numbers, parsed, whole
-from rotavg.io.measured_poses import Places, measured_poses
-from rotavg.io.registry import Format, ReadOptions, Writable, edges_to_write, positions_of
+from rotavg.io.measured_poses import measured_poses
+from rotavg.io.placed import positions_of
+from rotavg.io.places import Places
+from rotavg.io.registry import Format, ReadOptions, Writable, edges_to_write
 from rotavg.io.rounding import matrix_notes
 
 Floats = NDArray[np.float64]

@@ -17,7 +17,6 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import RotationReader
 from rotavg.io.lines import BYTE_ORDER_MARK
 from rotavg.io.streams import STDIN, read_all
-from rotavg.solving.positions import positions
 
 
 @runtime_checkable
@@ -44,27 +43,6 @@ def components_to_tell(solution: SolutionLike) -> list[int]:
     """The label of each node's component; none where there is one alone, or no label is known."""
     label: NDArray[Any] | None = getattr(solution, "component", None)
     return [] if label is None or label.max() == 0 else label.tolist()
-
-
-def refined_positions(solution: SolutionLike) -> NDArray[Any] | None:
-    """(n, 3) of a solution that was refined together with its positions; None of another."""
-    return getattr(solution, "positions", None)
-
-
-def robust_shares(solution: SolutionLike) -> NDArray[Any] | None:
-    """(m,) what a robust loss has left of the edges; None of what knows of no loss."""
-    return getattr(solution, "edge_shares", None)
-
-
-def positions_of(solution: SolutionLike) -> NDArray[Any] | None:
-    """(n, 3): those that were refined, or that fit; None where the graph has no translations.
-
-    Raises what `rotavg.positions` raises.
-    """
-    where = refined_positions(solution)
-    if where is not None or solution.graph.translations is None:
-        return where
-    return positions(solution.graph, solution.rotations, edge_shares=robust_shares(solution))
 
 
 class WithoutOutliers:

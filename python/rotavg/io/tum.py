@@ -19,7 +19,8 @@ from rotavg.base.errors import FormatError
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.io.absolute import AbsoluteRotations, RotationReader, is_header, read_fields
 from rotavg.io.lines import content_lines, exactly, is_number, shown
-from rotavg.io.registry import Format, Writable, positions_of
+from rotavg.io.placed import positions_of
+from rotavg.io.registry import Format, Writable
 
 _COLUMNS = ("timestamp", "x", "y", "z", "qx", "qy", "qz", "qw")
 _TITLE = re.compile(rb"^#\s*timestamp(\s+\S+){3}\s+qx\s+qy\s+qz\s+qw\s*$", re.MULTILINE)

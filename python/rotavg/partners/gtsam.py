@@ -20,6 +20,7 @@ from rotavg.graph.conventions import angles_about_z, matrices_from_angles_about_
 from rotavg.graph.covariances import information, not_used, of_information
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.translations import RelativeTranslations, first_not_positive_definite
+from rotavg.io.pose_priors import PosePrior, in_plane, priors_of, weight_of
 from rotavg.priors.priors import Priors
 from rotavg.solving.known_poses import known_poses
 from rotavg.solving.pose_refinement import PoseSolution
@@ -27,7 +28,6 @@ from rotavg.solving.solution import Solution
 
 Floats = NDArray[np.float64]
 
-_HELD = 1e9  # the information about a position that is constrained
 _KINDS = ("Rot3", "Pose3", "Rot2", "Pose2")
 _ROTATION = {"Rot3": slice(0, 3), "Pose3": slice(0, 3), "Rot2": slice(0, 1), "Pose2": slice(2, 3)}
 _TRANSLATION = {"Pose3": slice(3, 6), "Pose2": slice(0, 2)}
@@ -115,37 +115,32 @@ def priors_from_gtsam(factors: Any) -> Priors:
     A rotation becomes an absolute prior of the weight that its information has (one number: half
     the inverse of its mean variance), or where it is constrained a fixed rotation; the position of
     a pose one of `Priors.positions`, for `rotavg.refine_poses`, of the information 1e9 I if it is
-    constrained. What the information about rotation and position shares is left out.
+    constrained. What the information about rotation and position shares is left out. Several of a
+    node become one, which is the same up to a constant.
 
     Raises:
-        GraphError: two priors of one node, or information about some directions alone.
+        GraphError: two priors of one node with different rotations, or information about some
+            directions alone.
         MissingExtraError: gtsam is not installed.
     """
     gtsam = require("gtsam", "gtsam")
-    fixed: dict[int, Floats] = {}
-    absolute: dict[int, tuple[Floats, float]] = {}
-    places: dict[int, tuple[Floats, Floats]] = {}
+    found: list[PosePrior] = []
     for k, factor in enumerate(_list(factors)):
         kind = _kind(gtsam, "PriorFactor", factor)
         if kind is None:
             continue
         (node,) = factor.keys()
-        if node in fixed or node in absolute or node in places:
-            raise GraphError(f"factor {k} is a second prior of node {node}, expected one at most")
         told = _measured(kind, [node, node], factor, f"prior factor {k}", is_prior=True)
-        weight = _weight(told)
-        if np.isinf(weight):
-            fixed[node] = told.rotation
-        elif weight > 0:
-            absolute[node] = told.rotation, weight
+        about = np.zeros((3, 3))
         if kind in _TRANSLATION:
             block = _TRANSLATION[kind]
-            omega = _in_space(told.omega[block, block])
-            if np.isinf(omega).any():
-                omega = _HELD * np.eye(3)
-            if omega.any():
-                places[node] = told.vector, told.rotation @ omega @ told.rotation.T
-    return Priors(fixed=fixed, absolute=absolute, positions=places)
+            about = told.omega[block, block]
+            about = about if len(about) == 3 else in_plane(about)
+            if not np.isinf(about).any():
+                about = told.rotation @ about @ told.rotation.T
+        turn = _about_rotation(told)
+        found.append(PosePrior(node, told.what, None, told.rotation, turn, told.vector, about))
+    return priors_of(found, lambda prior, reason: GraphError(f"{prior.place} {reason}"))
 
 
 @dataclass(frozen=True)
@@ -217,7 +212,9 @@ def _graph(
         cross = np.zeros((len(measured), 3, 3))
         size = move.stop - move.start
         cross[:, :size, 3 - (turn.stop - turn.start) :] = omega[:, move, turn]
-        moved = np.array([_in_space(m.omega[move, move]) for m in measured])
+        moved = np.array([m.omega[move, move] for m in measured])
+        if size == 2:
+            moved = np.array([in_plane(omega) for omega in moved])
         moved[weights == 0] = np.eye(3)  # of no edge
         bad = first_not_positive_definite(moved)
         if bad is None:
@@ -243,16 +240,17 @@ def _graph(
 
 def _weight(measured: _Measured) -> float:
     """Of the rotation; 0 without information. GraphError for information that is not definite."""
+    weight = weight_of(_about_rotation(measured))
+    if np.isnan(weight):
+        raise GraphError(f"{measured.what} has information about some rotations alone")
+    return weight
+
+
+def _about_rotation(measured: _Measured) -> Floats:
+    """Information (3, 3) about the rotation; of what turns in the plane the same about all axes."""
     turn = _ROTATION[measured.kind]
     omega = measured.omega[turn, turn]
-    if not omega.any():
-        return 0.0
-    if np.isinf(omega).any():
-        return float(np.inf)
-    if np.linalg.eigvalsh(omega)[0] <= 1e-13 * np.abs(omega).max():
-        raise GraphError(f"{measured.what} has information about some rotations alone")
-    inverse = np.linalg.inv(omega)
-    return float(1.5 * len(omega) / 3 / np.trace(inverse))
+    return omega if len(omega) == 3 else np.diag(np.repeat(omega[0], 3))
 
 
 def _constrained(kind: str, sigmas: Floats, what: str) -> Floats:
@@ -261,16 +259,6 @@ def _constrained(kind: str, sigmas: Floats, what: str) -> Floats:
         if len(set(sigmas[block] == 0)) > 1:
             raise GraphError(f"{what} holds some directions alone, expected all of them or none")
     return np.diag(np.where(sigmas == 0, np.inf, 1.0 / np.where(sigmas == 0, 1.0, sigmas) ** 2))
-
-
-def _in_space(omega: Floats) -> Floats:
-    """Information (3, 3) about a translation; in the plane, z gets the mean of x and y."""
-    if len(omega) == 3:
-        return omega
-    result = np.zeros((3, 3))
-    result[:2, :2] = omega
-    result[2, 2] = np.trace(omega) / 2
-    return result
 
 
 def _information(noise: Any, size: int, what: str) -> Floats:

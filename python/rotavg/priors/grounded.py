@@ -62,6 +62,38 @@ class Grounded:
         core = self.core.with_prior_weights(*weights)
         return replace(self, core=core, prior_weights=weights)
 
+    def eased(self) -> Grounded:
+        """The same problem for a solver, without weights that cost it digits and time.
+
+        A rotation that is all that is known of its component only turns it, whatever the weight:
+        here none of such is larger than that of the heaviest edge.
+        """
+        priors, graph = self.priors, self.graph
+        if priors.rigs or not priors.absolute:
+            return self
+        label = graph.components()
+        rows = {
+            kind: np.sort([known.row for known in of_nodes(graph, getattr(priors, kind), kind)])
+            for kind in ("fixed", "absolute", "gravity")
+        }
+        known = np.bincount(label[np.concatenate(list(rows.values())).astype(np.int64)])
+        alone = known[label[rows["absolute"]]] == 1
+        absolute, gravity = self.weights
+        lowered = np.where(alone, np.minimum(absolute, graph.weights.max()), absolute)
+        return self if (lowered == absolute).all() else self.with_prior_weights(lowered, gravity)
+
+    @property
+    def weights(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Of absolute priors, and of gravity, in the order of the nodes."""
+        if self.prior_weights is not None:
+            return self.prior_weights
+
+        def given(kind: str) -> NDArray[np.float64]:
+            known = of_nodes(self.graph, getattr(self.priors, kind), kind)
+            return _stack([item.second for item in sorted(known, key=lambda item: item.row)])
+
+        return given("absolute"), given("gravity")
+
     def noise_variance(
         self,
         rotations: NDArray[np.float64],

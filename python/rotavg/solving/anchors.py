@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,3 +48,24 @@ def in_gauge_of(
     turned = _core.nearest_rotation(asked)[label] @ rotations
     turned[rows] = given
     return turned, set(rows.tolist())
+
+
+def moved_to(
+    graph: MeasurementGraph, where: Floats, known: Mapping[int, tuple[Floats, Floats]]
+) -> Floats:
+    """Positions moved, component by component, so that they fit some known ones best.
+
+    Args:
+        graph: of n nodes.
+        where: (n, 3).
+        known: position (3,) of some rows, and the information (3, 3) about it.
+    """
+    label = graph.components()
+    result = np.array(where)
+    parts = label[list(known)] if known else np.empty(0, dtype=np.int32)
+    for part in np.unique(parts).tolist():
+        here = [(row, *known[row]) for row in known if label[row] == part]
+        total = sum(omega for _, _, omega in here)
+        pull = sum(omega @ (place - where[row]) for row, place, omega in here)
+        result[label == part] += np.linalg.lstsq(total, pull, rcond=None)[0]
+    return result

@@ -79,9 +79,10 @@ def with_final_weights(solution: Solution) -> _core.GroundedGraph | None:
     """The problem with the weights of the priors that a robust loss has ended with."""
     grounded, robust = solution.grounded, solution.robust
     if grounded is None or robust is None:
-        return None if grounded is None else grounded.core
+        return None if grounded is None else grounded.eased().core
     fits = robust.absolute_priors, robust.gravity_priors
-    return grounded.with_prior_weights(*(None if f is None else f.weights for f in fits)).core
+    final = grounded.with_prior_weights(*(None if f is None else f.weights for f in fits))
+    return final.eased().core
 
 
 def with_covariances(solution: Solution, settings: dict[str, Any]) -> tuple[Solution, bool]:

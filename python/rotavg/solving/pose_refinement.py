@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -50,6 +50,7 @@ class PoseSolution(NodeMapping):
         loss: of the edges' chi; of a robust one chi^2 counts what it has left of them.
         loss_scale: in units of chi; infinite with "l2".
         edge_shares: (m,) what the loss has left of each edge's information, from 1 to 1e-12.
+        priors: what was known; its rotations and positions hold the world.
     """
 
     solution: Solution
@@ -62,6 +63,7 @@ class PoseSolution(NodeMapping):
     loss: PoseLoss
     loss_scale: float
     edge_shares: Floats
+    priors: Priors = field(default_factory=Priors)
 
     @property
     def graph(self) -> MeasurementGraph:  # type: ignore[override]
@@ -197,7 +199,7 @@ def refine_poses(
         solution, read_only(rotations), read_only(end.positions), end.chi2,
         descent.cost_of(*start, left),
         descent.status if settled else Status.ITERATION_LIMIT, descent.tried, loss, used_scale,
-        read_only(left),
+        read_only(left), priors,
     )  # fmt: skip
 
 

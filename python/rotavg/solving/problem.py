@@ -28,12 +28,14 @@ class Problem:
         priors: as they were given.
         grounded: the measurements and the priors; None without, and where rigs are given by their
             sensors.
+        eased: the same as the core solves it.
         sensors: those rigs, with all other priors.
     """
 
     graph: MeasurementGraph
     priors: Priors | None
     grounded: Grounded | None
+    eased: Grounded | None
     sensors: Sensors | None
 
     @classmethod
@@ -42,8 +44,9 @@ class Problem:
         if priors is not None:
             check_priors(priors)
         if priors is not None and is_rigs(priors):
-            return cls(graph, priors, None, sensors_of(graph, priors))
-        return cls(graph, priors, None if priors is None else ground(graph, priors), None)
+            return cls(graph, priors, None, None, sensors_of(graph, priors))
+        grounded = None if priors is None else ground(graph, priors)
+        return cls(graph, priors, grounded, grounded and grounded.eased(), None)
 
     def solve(self, settings: dict[str, Any], *, start_is_solution: bool) -> dict[str, Any]:
         """What the core finds.
@@ -52,13 +55,13 @@ class Problem:
             settings: the options, checked, by their names in the core.
             start_is_solution: whether the start that they hold is that of a warm start.
         """
-        grounded, sensors = self.grounded, self.sensors
+        eased, sensors = self.eased, self.sensors
         try:
             return call_core(
                 self.graph,
                 _core.solve,
                 **settings,
-                priors=None if grounded is None else grounded.core,
+                priors=None if eased is None else eased.core,
                 start_is_solution=start_is_solution,
                 rigs=None if sensors is None else sensors.core,
                 rig_priors=None if sensors is None else sensors.others,
@@ -90,7 +93,8 @@ class Problem:
         if "robust" in core:
             robust = robust_from_core(core["robust"], self.graph)
             if self.priors is not None and grounded is not None:
-                robust = with_named_priors(robust, self.graph, self.priors)
+                used = None if self.eased is None else self.eased.weights[0]
+                robust = with_named_priors(robust, self.graph, self.priors, used)
                 fits = robust.absolute_priors, robust.gravity_priors
                 grounded = grounded.with_prior_weights(
                     *(None if f is None else f.believed_weights for f in fits)

@@ -121,8 +121,16 @@ def robust_from_core(core: dict[str, Any], graph: MeasurementGraph) -> RobustFit
     return RobustFit(**{**core, **arrays})
 
 
-def with_named_priors(fit: RobustFit, graph: MeasurementGraph, priors: Priors) -> RobustFit:
-    """The same, with nodes and given weights of the priors."""
+def with_named_priors(
+    fit: RobustFit,
+    graph: MeasurementGraph,
+    priors: Priors,
+    used: NDArray[np.float64] | None = None,
+) -> RobustFit:
+    """The same, with nodes and given weights of the priors.
+
+    It may have been found with other weights of absolute priors, `used` (k,).
+    """
     named = {}
     for kind, of_nodes in (("absolute", priors.absolute), ("gravity", priors.gravity)):
         of_kind = getattr(fit, f"{kind}_priors")
@@ -131,6 +139,9 @@ def with_named_priors(fit: RobustFit, graph: MeasurementGraph, priors: Priors) -
             rows = rows_of(as_ids(keys, kind), graph.nodes)
             order = np.argsort(rows, kind="stable")
             weights = np.array([float(weight) for _, weight in of_nodes.values()])
+            if kind == "absolute" and used is not None:
+                left = of_kind.weights * (weights[order] / used)
+                of_kind = replace(of_kind, weights=read_only(left))
             named[f"{kind}_priors"] = replace(
                 of_kind,
                 nodes=read_only(graph.nodes[rows[order]]),
