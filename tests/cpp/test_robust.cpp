@@ -245,7 +245,7 @@ TEST_CASE("noise that was taken for too much is looked at again, and the scale f
   const Consensus consensus{bent, run.noise_at(bent), 0};
   REQUIRE(consensus.noise > 0.05);
   const double freedom = series_of(graph).freedom();
-  const Settling settled = settle(run, {Loss::automatic, 0.0}, freedom, consensus, {}, 500);
+  const Settling settled = settle(run, {Loss::automatic, 0.0}, freedom, consensus, {}, true, 500);
   CHECK(settled.noise == doctest::Approx(0.01).epsilon(0.2));
   CHECK(settled.loss.scale ==
         doctest::Approx(default_scale(Loss::cauchy, freedom) * settled.noise));
@@ -255,7 +255,7 @@ TEST_CASE("noise that was taken for too much is looked at again, and the scale f
   }
   // A scale that was given stays.
   RobustRun again(graph, options, series_of(graph), {}, Stopwatch());
-  const Settling given = settle(again, {Loss::automatic, 0.03}, freedom, consensus, {}, 500);
+  const Settling given = settle(again, {Loss::automatic, 0.03}, freedom, consensus, {}, true, 500);
   CHECK(given.loss.scale == 0.03);
   CHECK(given.noise == doctest::Approx(0.01).epsilon(0.2));
 }

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <rotavg/graph/checked_part.hpp>
+#include <rotavg/init/maximum_spanning_tree.hpp>
 #include <rotavg/robust/consensus.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/run.hpp>
@@ -106,9 +107,9 @@ inline Approach best_approach(RobustRun& run, const CheckedPart& part, const Rot
                               const RobustLoss& asked, const ApproachOptions& rules) {
   Approach best = approach(run, part, start, asked, rules, Judging::evenly);
   if (rules.knows_weights || rules.continues) return best;
-  const auto try_with = [&](Judging judging, const char* manner) {
+  const auto try_with = [&](const Rotations& R, Judging judging, const char* manner) {
     if (run.ended() != Status::not_run) return;
-    Approach other = approach(run, part, start, asked, rules, judging);
+    Approach other = approach(run, part, R, asked, rules, judging);
     RobustLoss loss = best.settled.loss;
     loss.scale = std::min(loss.scale, other.settled.loss.scale);
     if (run.objective_at(other.settled.result.rotations, loss) <
@@ -118,9 +119,13 @@ inline Approach best_approach(RobustRun& run, const CheckedPart& part, const Rot
     }
   };
   const bool trusts = run.trusts_any();
-  if (trusts) try_with(Judging::freely_and_evenly, " that trusted none");
-  if (run.has_own_units() && (trusts || is_chain(part.graph(), part.series().num_cycles))) {
-    try_with(Judging::freely_in_own_units,
+  if (trusts) try_with(start, Judging::freely_and_evenly, " that trusted none");
+  const bool chain = is_chain(part.graph(), part.series().num_cycles);
+  if (run.has_own_units() && (trusts || chain)) {
+    // Of a chain least squares are bent by wrong closures so far that l1 does not find back.
+    const Rotations tree =
+        chain ? along_spanning_tree(part.graph(), run.given(), run.keep_going()) : start;
+    try_with(tree, Judging::freely_in_own_units,
              trusts ? " by precision that trusted none" : " by precision");
   }
   return best;

@@ -35,6 +35,7 @@ struct Consensus {
 inline Consensus find_consensus(RobustRun& run, const MeasurementGraph& graph, Rotations R) {
   constexpr double wide_scale = 0.25;
   constexpr int most_halvings = 5, most_rounds = 4;
+  constexpr double most_times = 2.0;  // nodes that were met exactly, and move, look like noise
   constexpr double patient_gain = 1e-5, brief_gain = 1e-4, many = 0.25;
   constexpr int patient_limit = 200, brief_limit = 10;
   const auto go_on = [&] { return run.ended() == Status::not_run; };
@@ -60,8 +61,7 @@ inline Consensus find_consensus(RobustRun& run, const MeasurementGraph& graph, R
         take_votes(graph, run.given(), run.judged_by(),
                    {Loss::geman_mcclure, outlier_noises * noise}, R, run.keep_going());
     consensus.moved += moved;
-    // Nodes that were met exactly, and moved, are no sign of more noise.
-    if (moved > 0) noise = std::min(noise, noise_at(R));
+    if (moved > 0) noise = std::min({most_noise, most_times * noise, noise_at(R)});
     if (moved <= many * graph.num_nodes()) break;
     settle(noise, brief_gain, brief_limit);
     noise = std::min(most_noise, noise_at(R));
