@@ -89,6 +89,24 @@ def test_wrong_translations_of_a_real_graph_are_left_out(garage: Any) -> None:
         assert np.median(distances(poses.positions, optimum)) < 1
 
 
+def test_a_robust_loss_of_the_rotations_does_no_harm_to_that_of_the_poses() -> None:
+    """Where translations alone are wrong, both lead to the same poses."""
+    clean = rotavg.read(shared_data("g2o") / "sphere2500.g2o")
+    rng = np.random.default_rng(3)
+    closures = np.flatnonzero(np.abs(np.diff(clean.indices, axis=1)[:, 0]) > 1)
+    rows = rng.choice(closures, 250, replace=False)
+    wrong = contaminated(clean, rows, rng.uniform(-50, 50, (250, 3)))
+    plain = rotavg.refine_poses(rotavg.solve(wrong, certify=False), loss="tls")
+    robust = rotavg.refine_poses(rotavg.solve(wrong, loss="auto", certify=False), loss="tls")
+    for poses in (plain, robust):
+        assert poses.status.converged
+        assert poses.is_outlier[rows].mean() > 0.98  # what hangs by one alone is no outlier
+        assert poses.is_outlier.sum() < 1.2 * len(rows)
+        assert poses.translation_fit.advice is None
+    assert robust.loss_scale == pytest.approx(plain.loss_scale, rel=0.2)
+    assert np.median(distances(plain.positions, robust.positions)) < 0.05
+
+
 def test_gtsam_ends_at_the_same_poses_without_the_outliers(garage: Any) -> None:
     """From the clean optimum, Levenberg-Marquardt of GTSAM on the edges that were kept."""
     gtsam = pytest.importorskip("gtsam", reason="gtsam is not installed: pip install rotavg[gtsam]")

@@ -21,7 +21,7 @@ from rotavg.solving import options
 from rotavg.solving.chi_noise import ChiNoise
 from rotavg.solving.known_poses import known_poses
 from rotavg.solving.normal_equations import NormalEquations
-from rotavg.solving.pose_losses import PoseLoss, check_pose_loss, reweighted
+from rotavg.solving.pose_losses import LEAST_SHARE, PoseLoss, check_pose_loss, reweighted
 from rotavg.solving.pose_terms import Between, Terms, chi_of, cost, measured_terms
 from rotavg.solving.solution import Solution
 from rotavg.solving.status import Status
@@ -97,7 +97,8 @@ class PoseSolution(NodeMapping):
     @cached_property
     def translation_fit(self) -> TranslationFit:
         """How well the positions fit the translations of the edges that are no outliers."""
-        return translation_fit(self.graph, self.rotations, self.positions, kept=~self.is_outlier)
+        fit = translation_fit(self.graph, self.rotations, self.positions, kept=~self.is_outlier)
+        return replace(fit, resisted=self.loss != "l2")
 
     def __str__(self) -> str:
         steps = f"{self.iterations} step{'s' * (self.iterations != 1)}"
@@ -127,7 +128,8 @@ def refine_poses(
     the pose world_from_i, Z_ij the measured one, Omega the edge's whole information, as GTSAM's
     BetweenFactorPose3 and, in the plane, BetweenFactorPose2 have it. The start is the solution's
     rotations and the `positions` that fit them; the method is that of Levenberg and Marquardt.
-    After a robust loss the information is multiplied by the robust weights. Needs SciPy.
+    After a robust loss of the rotations the information is multiplied by the robust weights, or,
+    with a `loss` here, only what that one has rejected is left out. Needs SciPy.
 
     Args:
         solution: of a graph that has `translations`. Its covariances are the rotations' inverse
@@ -163,7 +165,10 @@ def refine_poses(
         raise OptionError("poses are not refined with rigs among the priors")
     scale = check_pose_loss(loss, loss_scale)
     graph = solution.graph
-    measured = measured_terms(graph, solution.edge_weights / graph.weights)
+    shares = solution.edge_weights / graph.weights
+    if loss != "l2":  # a sharp loss leaves right edges a tenth or all, which is no information
+        shares = np.where(solution.is_outlier, LEAST_SHARE, 1.0)
+    measured = measured_terms(graph, shares)
     assert graph.translations is not None
     if fixed is None:
         fixed = getattr(graph.source, "fixed_poses", {})
@@ -172,7 +177,7 @@ def refine_poses(
     flat = graph.translations.dimension == 2
     if flat and not known.terms:
         free[:, 2:5] = False
-    start = known.start(solution, loss, loss_scale)
+    start = known.start(solution, loss, loss_scale, None if loss == "l2" else shares)
     descent = _Descent(*start, measured, known.terms, free, limit, tolerance)
     left, used_scale = np.ones(graph.num_edges), np.inf
     settled = True

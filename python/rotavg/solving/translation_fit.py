@@ -34,6 +34,7 @@ class TranslationFit:
         num_beyond: edges that lie so far beyond it (`times`) that they, or others, must be wrong;
             0 where that is not sure.
         times: so many times the noise.
+        resisted: whether a robust loss of the poses was in use.
     """
 
     edges: NDArray[Any]
@@ -43,6 +44,7 @@ class TranslationFit:
     noise: float
     num_beyond: int
     times: int
+    resisted: bool = False
 
     @property
     def chi2(self) -> float:
@@ -54,10 +56,15 @@ class TranslationFit:
         """What to do where translations must be wrong; None where that is not sure."""
         if self.num_beyond == 0:
             return None
-        return (
+        wrong = (
             f"{self.num_beyond} of {int(self.kept.sum())} edges lie beyond {self.times} times the "
-            "noise that most show, so some translations are wrong: a robust loss "
-            '(refine_poses(loss="tls"), --refine-poses --pose-loss tls) resists them'
+            "noise that most show, so some translations are wrong"
+        )
+        if self.resisted:
+            return f"{wrong}, and the loss of the poses kept them: another one, or a smaller scale"
+        return (
+            f'{wrong}: a robust loss (refine_poses(loss="tls"), --refine-poses --pose-loss tls) '
+            "resists them"
         )
 
     @property
