@@ -39,7 +39,7 @@ def robust_rows(fit: RobustFit, num_parts_given: int) -> list[tuple[str, str]]:
         (
             "outliers",
             f"{total} of {len(fit.edge_verdicts)} edges, beyond "
-            f"{np.degrees(min(fit.threshold, np.pi)):.3g} deg"
+            f"{np.degrees(min(fit.threshold, np.pi)):.3g} deg{of_what}"
             + (f": {how}" if counts["cycle_check"] or counts["excluded"] else ""),
         ),
     ]
