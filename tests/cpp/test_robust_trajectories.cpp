@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <string>
 #include <vector>
 
 #include <doctest/doctest.h>
@@ -69,17 +70,17 @@ double mean_error(const Rotations& R, const Rotations& truth) {
 struct Found {
   double error = 0.0;
   Index missed = 0, accused = 0;
+  std::string reason;
 };
 
-Found solve_with(const Trajectory& t, Loss loss, bool trusts) {
-  RobustOptions robust;
-  robust.loss = loss;
+Found solve_with(const Trajectory& t, RobustOptions robust, bool trusts) {
   if (trusts) robust.known.trusted = t.is_odometry;
   SolveOptions options;
   options.certify = false;
   const RobustSolution solution = solve_robust(t.graph(), options, robust);
   Found found;
   found.error = mean_error(solution.rotations, t.truth);
+  found.reason = solution.reason;
   for (std::size_t k = 0; k < t.is_wrong.size(); ++k) {
     const bool outlier = is_outlier(solution.verdicts.edges[k]);
     found.missed += t.is_wrong[k] && !outlier;
@@ -105,7 +106,9 @@ TEST_CASE("trusted odometry that drifts does not make right closures seem wrong"
   const double best = mean_error(solve(t.right_ones()).rotations, t.truth);
   for (const Loss loss : {Loss::automatic, Loss::tls, Loss::geman_mcclure}) {
     CAPTURE(static_cast<int>(loss));
-    const Found found = solve_with(t, loss, true);
+    RobustOptions robust;
+    robust.loss = loss;
+    const Found found = solve_with(t, robust, true);
     CHECK(found.error < 1.5 * best + 0.01);
     CHECK(found.missed <= 3);    // random rotations can be right
     CHECK(found.accused <= 40);  // of 1559
@@ -126,10 +129,13 @@ TEST_CASE("odometry that is far more precise than closures tells which of these 
     for (const Loss loss : {Loss::automatic, Loss::tls}) {
       CAPTURE(trusts);
       CAPTURE(static_cast<int>(loss));
-      const Found found = solve_with(t, loss, trusts);
+      RobustOptions robust;
+      robust.loss = loss;
+      const Found found = solve_with(t, robust, trusts);
       CHECK(found.error < 1.5 * best + 0.002);
       CHECK(found.missed <= 1);
       CHECK(found.accused <= 4);
+      if (!trusts) CHECK(found.reason.find("of l1 by precision") != std::string::npos);
     }
   }
 }

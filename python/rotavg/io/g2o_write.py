@@ -17,7 +17,7 @@ from rotavg.io import bulk
 from rotavg.io.dialects import G2O_2D, G2O_3D, TORO_2D, TORO_3D, Dialect
 from rotavg.io.g2o_gauge import gauge_of, turned_along
 from rotavg.io.lines import exactly
-from rotavg.io.placed import refined_positions, robust_shares
+from rotavg.io.placed import held_by_priors, places_of, refined_positions, robust_shares
 from rotavg.io.pose_priors import PriorsOfFile
 from rotavg.io.registry import (
     SolutionLike,
@@ -129,6 +129,8 @@ def _write(path: Path, item: Writable, dialects: tuple[Dialect, Dialect]) -> byt
         where = refined_positions(item)
         if where is None:
             where = _positions(path, item, item.rotations, {})
+            if where is not None:
+                where = moved_to(graph, where, places_of(item, *held_by_priors(item)))
         translations = np.zeros((graph.num_nodes, 3)) if where is None else where
         poses = _numbers(path, dialect, translations, item.rotations)
         vertices = dict(zip(graph.nodes.tolist(), poses))

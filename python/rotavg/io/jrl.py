@@ -118,7 +118,7 @@ def read_jrl(path: Path, data: bytes, options: ReadOptions) -> MeasurementGraph:
                 kind = str(member(path, measured, "type", name))
                 if kind in found:
                     found[kind].add(path, measured, name, ("key1", "key2"), "measurement")
-                elif kind.removeprefix("PriorFactor") in _PARTS:
+                elif kind.startswith("PriorFactor") and kind.removeprefix("PriorFactor") in _PARTS:
                     priors.append((kind.removeprefix("PriorFactor"), name, measured))
                 else:
                     others[kind] += 1

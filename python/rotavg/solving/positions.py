@@ -73,6 +73,10 @@ def positions(
         omega = information * (counted * left)[:, None, None]
         try:
             return _core.positions(graph._core, R, measured.vectors, omega, rows, held)
+        except _core.InvalidEdge as error:  # of information that underflows
+            i, j = graph.edges[error.args[0]].tolist()
+            where = f"edge {error.args[0]} ({i!r} -> {j!r})"
+            raise SolverError(f"positions cannot be solved for: {where}: {error.args[1]}") from None
         except ValueError as error:
             raise SolverError(str(error)) from None
 

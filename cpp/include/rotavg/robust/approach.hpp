@@ -50,7 +50,7 @@ struct Approach {
   Settling settled;
   Consensus consensus;
   int l1_reweightings = 0;
-  bool from_chordal = false;
+  bool from_chordal = false, from_tree = false;
   double prepared = 0.0;  ///< seconds of the run, before the loss
   std::string manner;     ///< how l1 was judged, in words, where that is not as usual
 };
@@ -96,7 +96,7 @@ inline Approach approach(RobustRun& run, const CheckedPart& part, const Rotation
 /// of one size would let a closure bend thousands of edges, each a little.
 inline bool is_chain(const MeasurementGraph& graph, Index num_cycles) {
   constexpr double hardly_any = 0.1;
-  return num_cycles < hardly_any * graph.num_edges();
+  return num_cycles > 0 && num_cycles <= hardly_any * graph.num_edges();
 }
 
 /// The approach that ends with the least objective, at the smallest of the scales: l1 gives every
@@ -106,10 +106,14 @@ inline bool is_chain(const MeasurementGraph& graph, Index num_cycles) {
 inline Approach best_approach(RobustRun& run, const CheckedPart& part, const Rotations& start,
                               const RobustLoss& asked, const ApproachOptions& rules) {
   Approach best = approach(run, part, start, asked, rules, Judging::evenly);
-  if (rules.knows_weights || rules.continues) return best;
-  const auto try_with = [&](const Rotations& R, Judging judging, const char* manner) {
+  if (rules.knows_weights || rules.continues || asked.kind == Loss::l2 || run.trusts_all()) {
+    return best;
+  }
+  const auto try_with = [&](const Rotations& R, bool from_tree, Judging judging,
+                            const char* manner) {
     if (run.ended() != Status::not_run) return;
     Approach other = approach(run, part, R, asked, rules, judging);
+    other.from_tree = from_tree && !other.from_chordal;
     RobustLoss loss = best.settled.loss;
     loss.scale = std::min(loss.scale, other.settled.loss.scale);
     if (run.objective_at(other.settled.result.rotations, loss) <
@@ -119,13 +123,13 @@ inline Approach best_approach(RobustRun& run, const CheckedPart& part, const Rot
     }
   };
   const bool trusts = run.trusts_any();
-  if (trusts) try_with(start, Judging::freely_and_evenly, " that trusted none");
+  if (trusts) try_with(start, false, Judging::freely_and_evenly, " that trusted none");
   const bool chain = is_chain(part.graph(), part.series().num_cycles);
   if (run.has_own_units() && (trusts || chain)) {
     // Of a chain least squares are bent by wrong closures so far that l1 does not find back.
-    const Rotations tree =
+    const Rotations R =
         chain ? along_spanning_tree(part.graph(), run.given(), run.keep_going()) : start;
-    try_with(tree, Judging::freely_in_own_units,
+    try_with(R, chain, Judging::freely_in_own_units,
              trusts ? " by precision that trusted none" : " by precision");
   }
   return best;

@@ -61,7 +61,10 @@ inline Consensus find_consensus(RobustRun& run, const MeasurementGraph& graph, R
         take_votes(graph, run.given(), run.judged_by(),
                    {Loss::geman_mcclure, outlier_noises * noise}, R, run.keep_going());
     consensus.moved += moved;
-    if (moved > 0) noise = std::min({most_noise, most_times * noise, noise_at(R)});
+    if (moved > 0) {
+      const double now = noise_at(R);
+      noise = now < most_noise ? std::min(now, most_times * noise) : most_noise;
+    }
     if (moved <= many * graph.num_nodes()) break;
     settle(noise, brief_gain, brief_limit);
     noise = std::min(most_noise, noise_at(R));

@@ -91,6 +91,7 @@ struct EdgeUnits {
   /// (m,) weights for where most is still wrong: every edge has one voice, whatever its precision,
   /// since edges that are wrong, but said to be precise, would drown all others. Empty: the given.
   std::vector<double> voices;
+  double voice = 1.0;  ///< of all but trusted edges, which have their weight
 };
 
 /// @param typical edges whose median weight is the unit, but for excluded ones; empty: all
@@ -110,7 +111,8 @@ inline EdgeUnits edge_units(const MeasurementGraph& graph, const EdgeKnowledge& 
     const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
     std::nth_element(sorted.begin(), middle, sorted.end());
     for (double& p : units.precision) p /= *middle;
-    units.voices.assign(units.precision.size(), *middle);
+    units.voice = *middle;
+    units.voices.assign(units.precision.size(), units.voice);
   }
   if (!known.scales.empty()) {
     units.precision.clear();

@@ -63,13 +63,18 @@ class RobustRun {
 
   const std::vector<double>& given() const { return given_; }
   const std::vector<double>& precision() const { return units_.precision; }
+  /// The same as if no edge were trusted.
+  const std::vector<double>& free_precision() const {
+    return trusts_any() ? units_.free_precision : units_.precision;
+  }
   const std::vector<double>& squared_residuals_at(const Rotations& R) {
     squared_residuals(graph_, to_quaternions(R), num_threads_, x_);
     return x_;
   }
   /// What every series of edges leaves over, in units of its precision.
   std::vector<double> series_residuals_at(const Rotations& R) {
-    return series_residuals(series_, squared_residuals_at(R), precision());
+    return series_residuals(series_, squared_residuals_at(R),
+                            judges_freely() ? free_precision() : precision());
   }
   /// The estimated standard deviation of the noise angle, radians, of an edge of precision 1.
   double noise_at(const Rotations& R) {
@@ -97,16 +102,22 @@ class RobustRun {
   /// From now on.
   void judge(Judging judging) {
     judging_ = judging;
-    if (!units_.voices.empty()) {
-      const bool evenly = judging == Judging::evenly || judging == Judging::freely_and_evenly;
-      graph_.set_weights(evenly ? units_.voices : given_);
+    if (units_.voices.empty()) return;
+    if (judging == Judging::evenly) {
+      graph_.set_weights(units_.voices);
+    } else if (judging == Judging::freely_and_evenly) {
+      std::vector<double> voices = units_.voices;
+      for (std::size_t k = 0; k < trusting_.size(); ++k) {
+        if (trusting_[k] == 0.0) voices[k] = units_.voice;
+      }
+      graph_.set_weights(voices);
+    } else {
+      graph_.set_weights(given_);
     }
   }
   /// In their own units from now on, trusted or free as before.
   void judge_in_own_units() {
-    const bool freely =
-        judging_ == Judging::freely_and_evenly || judging_ == Judging::freely_in_own_units;
-    judge(freely ? Judging::freely_in_own_units : Judging::in_own_units);
+    judge(judges_freely() ? Judging::freely_in_own_units : Judging::in_own_units);
   }
   /// (m,) the precisions by which residuals are judged now; empty: all 1.
   const std::vector<double>& judged_by() const {
@@ -115,8 +126,7 @@ class RobustRun {
       case Judging::in_own_units:
         break;
       case Judging::freely_in_own_units:
-        if (trusts_any()) return units_.free_precision;
-        break;
+        return free_precision();
       case Judging::evenly:
         return trusting_;
       case Judging::freely_and_evenly:
@@ -126,6 +136,11 @@ class RobustRun {
   }
 
   bool trusts_any() const { return !trusting_.empty(); }
+  bool trusts_all() const {
+    return trusts_any() &&
+           std::all_of(trusting_.begin(), trusting_.end(), [](double one) { return one == 0.0; });
+  }
+  /// Whether some edges weigh more, as more precise ones do.
   bool has_own_units() const { return !units_.voices.empty(); }
 
   SolveOptions stage(int max_iterations) const {
@@ -242,6 +257,10 @@ class RobustRun {
     } else if (iterations_ >= options_.iteration.max_iterations) {
       ended_ = Status::iteration_limit;
     }
+  }
+
+  bool judges_freely() const {
+    return judging_ == Judging::freely_and_evenly || judging_ == Judging::freely_in_own_units;
   }
 
   Stopwatch watch_;

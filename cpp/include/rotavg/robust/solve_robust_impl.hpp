@@ -180,6 +180,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   detail::Approach approach =
       detail::best_approach(run, part, R0, {robust.loss, robust.scale}, rules);
   if (approach.from_chordal) init = Initialization::chordal;
+  if (approach.from_tree) init = Initialization::maximum_spanning_tree;
   RobustLoss& loss = approach.settled.loss;
   double& noise = approach.settled.noise;
   IterationResult& reweighted = approach.settled.result;
