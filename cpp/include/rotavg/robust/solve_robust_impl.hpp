@@ -162,7 +162,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   const double freedom = part.series().freedom();
   RobustRun run(part.graph(), options, part.series_of_part(),
                 {part.of_edges(units.precision), part.of_edges(units.free_precision),
-                 part.of_edges(units.voices)},
+                 part.of_edges(units.voices), units.voice},
                 watch);
 
   // 1. to 4.
