@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class _Case:
+class Case:
     """A graph, which of its edges are odometry, which are wrong, and rotations to compare with."""
 
     name: str
@@ -50,7 +50,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=8, help="of trajectories")
     parser.add_argument("--no-peers", action="store_true", help="without GTSAM")
     arguments = parser.parse_args()
-    ways: dict[str, Callable[[_Case], tuple[Any, NDArray[np.bool_]]]] = {
+    ways: dict[str, Callable[[Case], tuple[Any, NDArray[np.bool_]]]] = {
         "auto": lambda case: _ours(case, loss="auto"),
         "auto, odometry trusted": lambda case: _ours(case, loss="auto", trusted=case.is_odometry),
         "tls, odometry trusted": lambda case: _ours(case, loss="tls", trusted=case.is_odometry),
@@ -60,13 +60,13 @@ def main() -> None:
     print("| graph | " + " | ".join(ways) + " |")
     print("|---" * (len(ways) + 1) + "|")
     for path in arguments.files:
-        _row([_with_random(path)], ways)
-        _row([_with_groups(path)], ways)
+        _row([with_random(path)], ways)
+        _row([with_groups(path)], ways)
     for nodes, closures in ((2000, 30), (2000, 100), (5000, 300)):
         _row([_trajectory(nodes, closures, seed) for seed in range(arguments.seeds)], ways)
 
 
-def _row(cases: list[_Case], ways: dict[str, Any]) -> None:
+def _row(cases: list[Case], ways: dict[str, Any]) -> None:
     cells = []
     for way in ways.values():
         errors, missed, accused, seconds = [], 0, 0, []
@@ -86,12 +86,12 @@ def _row(cases: list[_Case], ways: dict[str, Any]) -> None:
     print(f"| {cases[0].name}{of_seeds}: {wrong} wrong | " + " | ".join(cells) + " |", flush=True)
 
 
-def _ours(case: _Case, **settings: Any) -> tuple[Any, NDArray[np.bool_]]:
+def _ours(case: Case, **settings: Any) -> tuple[Any, NDArray[np.bool_]]:
     solution = rotavg.solve(case.graph, certify=False, num_threads=1, **settings)
     return solution, np.asarray(solution.is_outlier)
 
 
-def _gnc(case: _Case) -> tuple[Any, NDArray[np.bool_]]:
+def _gnc(case: Case) -> tuple[Any, NDArray[np.bool_]]:
     import gtsam
 
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -116,7 +116,7 @@ def _gnc(case: _Case) -> tuple[Any, NDArray[np.bool_]]:
     return rotations, np.asarray(optimizer.getWeights())[:-1] < 0.5
 
 
-def _trajectory(nodes: int, closures: int, seed: int) -> _Case:
+def _trajectory(nodes: int, closures: int, seed: int) -> Case:
     rng = np.random.default_rng(seed)
     truth = [np.eye(3)]
     for step in matrices_from_rotvecs(rng.normal(0, 0.2, (nodes - 1, 3))):
@@ -134,11 +134,12 @@ def _trajectory(nodes: int, closures: int, seed: int) -> _Case:
     R[is_wrong] = _random(rng, int(is_wrong.sum()))
     graph = rotavg.MeasurementGraph(edges, R, 1 / (2 * sigma**2))
     name = f"trajectory of {nodes} poses, {closures} closures"
-    return _Case(name, graph, is_odometry, is_wrong, T)
+    return Case(name, graph, is_odometry, is_wrong, T)
 
 
-def _with_random(path: Path) -> _Case:
-    graph = rotavg.read(path)
+def with_random(path: Path, unit_weights: bool = False) -> Case:
+    """A file with thirty per cent more closures, which are random."""
+    graph = rotavg.read(path, unit_weights=unit_weights)
     rng = np.random.default_rng(5)
     closures = int((~_consecutive(graph.indices)).sum())
     ends = rng.integers(0, graph.num_nodes, (int(0.3 * closures), 2))
@@ -146,8 +147,9 @@ def _with_random(path: Path) -> _Case:
     return _contaminated(f"{path.stem}, random", graph, ends, _random(rng, len(ends)))
 
 
-def _with_groups(path: Path) -> _Case:
-    graph = rotavg.read(path)
+def with_groups(path: Path, unit_weights: bool = False) -> Case:
+    """A file with five groups of ten wrong closures that agree among themselves."""
+    graph = rotavg.read(path, unit_weights=unit_weights)
     T = rotavg.solve(graph).rotations
     rng = np.random.default_rng(5)
     ends, rotations = [], []
@@ -165,7 +167,7 @@ def _with_groups(path: Path) -> _Case:
 
 def _contaminated(
     name: str, graph: rotavg.MeasurementGraph, ends: NDArray[Any], rotations: Floats
-) -> _Case:
+) -> Case:
     weights = np.concatenate([graph.weights, np.full(len(ends), np.median(graph.weights))])
     more = rotavg.MeasurementGraph(
         np.concatenate([graph.edges, graph.nodes[ends]]),
@@ -174,7 +176,7 @@ def _contaminated(
         graph.nodes,
     )
     is_wrong = np.arange(more.num_edges) >= graph.num_edges
-    return _Case(name, more, _consecutive(more.indices) & ~is_wrong, is_wrong, rotavg.solve(graph))
+    return Case(name, more, _consecutive(more.indices) & ~is_wrong, is_wrong, rotavg.solve(graph))
 
 
 def _consecutive(indices: NDArray[Any]) -> NDArray[np.bool_]:

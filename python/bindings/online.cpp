@@ -20,12 +20,13 @@ std::vector<rotavg::Index> to_indices(const IndexArray& values) {
 }
 
 rotavg::Online make_online(double tolerance, double certificate_tolerance, const std::string& loss,
-                           double loss_scale) {
+                           double loss_scale, bool second_opinions) {
   rotavg::OnlineOptions options;
   options.tolerance = tolerance;
   options.certificate_tolerance = certificate_tolerance;
   options.loss = value_of<rotavg::Loss>(loss);
   options.loss_scale = loss_scale;
+  options.second_opinions = second_opinions;
   return rotavg::Online(options);
 }
 
@@ -83,10 +84,12 @@ void bind_online(py::module_& m) {
       .def_readonly("eliminated", &OnlineState::eliminated)
       .def_readonly("moved", &OnlineState::moved)
       .def_readonly("refreshed", &OnlineState::refreshed)
-      .def_readonly("solved", &OnlineState::solved);
+      .def_readonly("solved", &OnlineState::solved)
+      .def_readonly("asked", &OnlineState::asked);
   py::class_<Online>(m, "Online")
       .def(py::init(&make_online), py::kw_only(), py::arg("tolerance"),
-           py::arg("certificate_tolerance"), py::arg("loss"), py::arg("loss_scale"))
+           py::arg("certificate_tolerance"), py::arg("loss"), py::arg("loss_scale"),
+           py::arg("second_opinions"))
       .def("add", &add, py::arg("ends"), py::arg("rotations"), py::arg("weights"),
            py::arg("trusted"), py::arg("nodes"))
       .def("remove",

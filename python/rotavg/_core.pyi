@@ -67,10 +67,18 @@ class OnlineState:
     def refreshed(self) -> int: ...
     @property
     def solved(self) -> int: ...
+    @property
+    def asked(self) -> int: ...
 
 class Online:
     def __init__(
-        self, *, tolerance: float, certificate_tolerance: float, loss: str, loss_scale: float
+        self,
+        *,
+        tolerance: float,
+        certificate_tolerance: float,
+        loss: str,
+        loss_scale: float,
+        second_opinions: bool,
     ) -> None: ...
     def add(
         self,

@@ -201,6 +201,31 @@ def test_wrong_closures_are_left_out() -> None:
     assert online.verdict == "proved"
 
 
+def test_all_closures_are_judged_at_once_where_the_first_ones_were_wrong() -> None:
+    random = np.random.default_rng(SEED)
+    n = 200
+    path = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+    truth, odometry = measured(random, path, n, 0.01)
+    turn = matrices_from_rotvecs(np.array([1.5, 0.0, 0.0]))
+    wrong = [(40, 160), (41, 159), (42, 158)]
+    right = np.stack([random.integers(0, 60, 40), random.integers(140, n, 40)], axis=1)
+    found = {}
+    for asks in (True, False):
+        online = rotavg.Online(loss="tls", loss_scale=0.15, second_opinions=asks)
+        online.add(path, odometry)
+        for i, j in wrong:
+            online.add([(i, j)], truth[i].T @ turn @ truth[j])
+        asked = 0
+        for i, j in right.tolist():
+            online.add([(i, j)], truth[i].T @ truth[j])
+            asked += online.state.asked
+        found[asks] = np.flatnonzero(online.edge_weights < 0.5)
+        assert (asked > 0) == asks, SEED
+        assert online.verdict == "proved"
+    assert np.array_equal(found[True], n - 1 + np.arange(3)), SEED
+    assert len(found[False]) > 3, SEED
+
+
 def test_an_online_graph_is_not_copied_and_its_solution_is() -> None:
     online = rotavg.Online()
     online.add([(0, 1), (1, 2)], np.broadcast_to(np.eye(3), (2, 3, 3)))

@@ -16,7 +16,7 @@ from rotavg.graph.measurement_graph import MeasurementGraph
 def known_edges(
     graph: MeasurementGraph,
     loss: str,
-    trusted: ArrayLike | None,
+    trusted: ArrayLike | str | None,
     excluded: ArrayLike | None,
     edge_scales: ArrayLike | None,
     initial_weights: ArrayLike | None,
@@ -30,7 +30,13 @@ def known_edges(
     for name, value in robust.items():
         if value is not None and loss == "l2":
             raise OptionError(f'{name} is for a robust loss, and this is "l2"')
-    trust, left_out = edge_mask(graph, "trusted", trusted), edge_mask(graph, "excluded", excluded)
+    left_out = edge_mask(graph, "excluded", excluded)
+    trust: NDArray[np.bool_] | None
+    if isinstance(trusted, str):
+        steps = _odometry_by_name(graph, trusted)
+        trust = steps if left_out is None else steps & ~left_out
+    else:
+        trust = edge_mask(graph, "trusted", trusted)
     if trust is not None and left_out is not None and (trust & left_out).any():
         i, j = graph.edges[np.argmax(trust & left_out)].tolist()
         raise OptionError(f"the edge ({i!r}, {j!r}) is both trusted and excluded")
@@ -40,6 +46,12 @@ def known_edges(
         "edge_scales": edge_values(graph, "edge_scales", edge_scales, 1e-50, 1e50),
         "initial_weights": edge_values(graph, "initial_weights", initial_weights, 0.0, 1.0),
     }
+
+
+def _odometry_by_name(graph: MeasurementGraph, trusted: str) -> NDArray[np.bool_]:
+    if trusted != "odometry":
+        raise OptionError(f'trusted is {trusted!r}; expected "odometry", a mask or pairs of nodes')
+    return odometry(graph)
 
 
 def edge_mask(

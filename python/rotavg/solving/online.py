@@ -78,10 +78,14 @@ class Online:
         certificate_tolerance: largest relative gap that is called optimal; `tolerance`, where that
             is larger.
         loss: "l2", or a robust loss of the edges that are not trusted; "auto" is none of those.
-            "tls" leaves out, one by one, the edges furthest beyond the scale, and takes them back
-            where the rotations of a later time agree with them. What is proved is the optimum of
-            the least squares with the weights in use.
+            "tls" leaves out edges that are proved to cost more than the loss lets them, and, one by
+            one, those furthest beyond the scale; it takes them back where the rotations of a later
+            time agree with them. What is proved is the optimum of the least squares with the
+            weights in use.
         loss_scale: of a robust loss, radians.
+        second_opinions: whether all edges are judged at once now and then, as by `solve`, since
+            edges that came first are not always the right ones. Such a step takes as long as that
+            does; the number of them grows as the logarithm of that of the outliers.
 
     Raises:
         OptionError: an option is out of range.
@@ -94,6 +98,7 @@ class Online:
         certificate_tolerance: float = 1e-6,
         loss: str = "l2",
         loss_scale: float | None = None,
+        second_opinions: bool = True,
     ) -> None:
         if loss not in _LOSSES:
             raise OptionError(f"loss is {loss!r}; expected one of {', '.join(map(repr, _LOSSES))}")
@@ -106,6 +111,7 @@ class Online:
                 ),
                 loss=loss,
                 loss_scale=scale,
+                second_opinions=bool(second_opinions),
             )
         except ValueError as error:
             raise OptionError(str(error)) from None

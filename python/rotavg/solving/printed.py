@@ -15,6 +15,7 @@ from rotavg.solving.printed_robust import (
     robust_rows,
 )
 from rotavg.solving.solved import Solved
+from rotavg.solving.trajectory import doubted_odometry
 from rotavg.solving.uncertainty import beyond_half_a_turn, rms_degrees
 
 OF_COVARIANCES = {
@@ -171,4 +172,6 @@ def _outliers(solution: Solved) -> Rows:
         sizes = [len(group) for group in solution.hanging_groups]
         some = "a group" if len(sizes) == 1 else f"{len(sizes)} groups"
         rows.append(("hanging", f"{some} of {sum(sizes)} nodes, on edges that nothing checks"))
+    if (advice := doubted_odometry(solution)) is not None:
+        rows.append(("odometry?", advice))
     return rows

@@ -67,7 +67,7 @@ def solve(
     cycle_threshold: float | None = None,
     min_cycles: int = 3,
     weight_kind: WeightKind = "auto",
-    trusted: ArrayLike | None = None,
+    trusted: ArrayLike | str | None = None,
     excluded: ArrayLike | None = None,
     edge_scales: ArrayLike | None = None,
     initial_weights: ArrayLike | None = None,
@@ -142,8 +142,8 @@ def solve(
             heavy edge does not outvote others by its weight. "frequency": how often an edge was
             measured; all residuals are judged alike, and a heavy edge has as many votes. "auto" is
             "precision" (docs/robust.md has the measurements).
-        trusted: edges that a robust loss does not touch, as odometry: a mask (m,), or pairs of
-            nodes (k, 2).
+        trusted: edges that a robust loss does not touch: "odometry", those between consecutive
+            integers; or a mask (m,), or pairs of nodes (k, 2).
         excluded: edges to leave out, likewise (but for a weight that keeps the graph connected).
         edge_scales: (m,) factors by which the scale of the loss and the threshold of outliers
             differ from edge to edge, instead of what the weights say.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <unordered_set>
 #include <utility>
 #include <vector>
 
@@ -25,6 +26,8 @@ class CliqueForest {
   }
   /// Whether a variable is in the tree, or waits for eliminate().
   bool holds(Index v) const { return clique_of_[v] >= 0 || is_pending_[v]; }
+  /// Whether a variable is in the tree, and does not wait.
+  bool is_solved(Index v) const { return clique_of_[v] >= 0; }
   const std::vector<Index>& pending() const { return pending_; }
 
   /// Takes the cliques from these variables up to the roots out of the tree: their variables, and
@@ -71,6 +74,20 @@ class CliqueForest {
   }
 
  protected:
+  /// The cliques on the ways from these variables to the roots, children before their parents.
+  std::vector<Index> ways_up(const std::vector<Index>& variables) const {
+    std::vector<Index> ways;
+    std::unordered_set<Index> seen;
+    for (auto v = variables.rbegin(); v != variables.rend(); ++v) {
+      std::vector<Index> way;
+      for (Index c = clique_of_[*v]; c >= 0 && seen.insert(c).second; c = cliques_[c].parent) {
+        way.push_back(c);
+      }
+      ways.insert(ways.begin(), way.begin(), way.end());
+    }
+    return ways;
+  }
+
   /// Makes cliques of what waits, in the order of `order`, and hangs the orphans from them.
   std::vector<Index> plant(const CliqueOrder& order) {
     std::vector<Index> made;

@@ -45,6 +45,7 @@ class CliqueTree : public CliqueForest {
   void resize(Index num_variables) {
     CliqueForest::resize(num_variables);
     z_.resize(num_variables);
+    rows_.resize(num_variables, Block::Zero());
   }
 
   /// A variable of each of the cliques that have most of |y|^2 for the bound: what the others have
@@ -106,6 +107,35 @@ class CliqueTree : public CliqueForest {
       const Index parent = clique.parent;
       if (parent >= 0 && --cliques_[parent].solution[side].waiting == 0) ready.push_back(parent);
     }
+  }
+
+  /// E^T (L L^T)^-1 E of three columns E that are zero but in the blocks of a few variables.
+  /// @param E of each, which are in the tree
+  Matrix3 compliance(const std::vector<std::pair<Index, Matrix3>>& E) {
+    std::vector<Index> variables;
+    for (const auto& [v, block] : E) {
+      variables.push_back(v);
+      for (int r = 0; r < 3; ++r) {
+        for (int c = 0; c < 3; ++c) rows_[v](c, r) = block(r, c);
+      }
+    }
+    Eigen::Matrix4d sum = Eigen::Matrix4d::Zero();
+    for (const Index c : ways_up(variables)) {
+      const Clique& clique = cliques_[c];
+      const Index pivots = 3 * clique.num_columns();
+      make_room(clique);
+      for (Index r = 0; r < clique.num_rows(); ++r) {
+        Block& row = rows_[clique.row(r)];
+        x_.template middleCols<3>(3 * r) = row;
+        row.setZero();
+      }
+      rotavg::solve_lower(clique, x_);
+      for (Index k = 0; k < pivots; ++k) sum += x_.col(k) * x_.col(k).transpose();
+      for (std::size_t r = 0; r < clique.below.size(); ++r) {
+        rows_[clique.below[r]] = x_.template middleCols<3>(pivots + 3 * r);
+      }
+    }
+    return sum.topLeftCorner<3, 3>();
   }
 
   /// Z = L^-T y, from the roots down; calls visit(v, Z_v), Z_v a 3 x 3 block.
@@ -211,7 +241,7 @@ class CliqueTree : public CliqueForest {
   }
 
   const System& system_;
-  std::vector<Block> z_;
+  std::vector<Block> z_, rows_;
   CliqueOrdering ordering_;
   PartialCholesky dense_;
   CliqueSolution::Rows x_;

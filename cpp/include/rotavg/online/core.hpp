@@ -80,6 +80,10 @@ class Core {
     const Quaternion j_from_i(product(q_j.conjugate(), q_i));
     return cost(product(graph_.edge(k).i_from_j, j_from_i));
   }
+  /// r^2 of RobustLoss.
+  double squared_chord(Index k, const Quaternion& q_i, const Quaternion& q_j) const {
+    return cost(k, q_i, q_j) / (2.0 * graph_.edge(k).i_from_j.squaredNorm());
+  }
 
   /// The sums over the edges at a node, after changes of these.
   void update_node(Index i) {

@@ -26,6 +26,9 @@ struct OnlineOptions {
   Loss loss = Loss::l2;
   /// c of RobustLoss, radians; to be given with any loss but l2.
   double loss_scale = 0.0;
+  /// Whether solve_robust() judges all edges at once now and then (second_opinion.hpp): a step that
+  /// takes as long as that does.
+  bool second_opinions = true;
 };
 
 /// How things stand after a step.
@@ -43,6 +46,7 @@ struct OnlineState {
   Index moved = 0;       ///< nodes that were turned, counted once an iteration
   int refreshed = 0;     ///< times that the dual was moved to the rotations
   int solved = 0;        ///< times that solve() was called
+  int asked = 0;         ///< times that solve_robust() judged all edges at once
 };
 
 /// Rotation averaging while data come in: edges and nodes are added, removed and reweighted, and

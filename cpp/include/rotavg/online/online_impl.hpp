@@ -14,6 +14,7 @@
 #include <rotavg/online/online.hpp>
 #include <rotavg/online/optimum.hpp>
 #include <rotavg/online/reweight.hpp>
+#include <rotavg/online/second_opinion.hpp>
 #include <rotavg/online/tended_core.hpp>
 
 #pragma GCC diagnostic push
@@ -30,7 +31,8 @@ class OnlineEngine {
       : options_(options),
         certificate_tolerance_(std::max(options.certificate_tolerance, options.tolerance)),
         optimum_(tended_, options.tolerance, certificate_tolerance_),
-        weights_(tended_, {options.loss, options.loss_scale}) {
+        weights_(tended_, {options.loss, options.loss_scale}),
+        second_opinion_(tended_, {options.loss, options.loss_scale}) {
     const auto require = [](bool holds, const char* what) {
       if (!holds) throw std::invalid_argument(what);
     };
@@ -64,10 +66,10 @@ class OnlineEngine {
       OnlineEdge& e = checked[k];
       e.i = node_of(edges[k].i);
       e.j = node_of(edges[k].j);
-      e.weight = e.given;
+      e.weight = 0.0;
       numbers.push_back(tended_.core.graph().add_edge(e));
-      if (e.given > 0.0) tended_.use(numbers.back());
     }
+    use(numbers);
     follow(numbers);
     return numbers;
   }
@@ -130,6 +132,24 @@ class OnlineEngine {
     return row >= 0 ? row : tended_.add_node(id);
   }
 
+  /// New edges: first those that join components, then the others, at the weights that the loss can
+  /// foretell.
+  void use(const std::vector<Index>& edges) {
+    std::vector<Index> closings;
+    for (const Index k : edges) {
+      const OnlineEdge& e = graph().edge(k);
+      const bool joins = tended_.core.node(e.i).component != tended_.core.node(e.j).component;
+      joins ? weights_.use_weight(k, e.given) : closings.push_back(k);
+    }
+    std::vector<double> parts;
+    for (const Index k : closings) parts.push_back(weights_.foretold_part(k, optimum_));
+    for (std::size_t p = 0; p < closings.size(); ++p) {
+      const Index k = closings[p];
+      weights_.use_weight(k, parts[p] * graph().edge(k).given);
+      weights_.num_outliers += weights_.is_outlier(k);
+    }
+  }
+
   void check_numbers(const std::vector<Index>& edges) const {
     std::unordered_set<Index> seen;
     for (std::size_t p = 0; p < edges.size(); ++p) {
@@ -148,16 +168,43 @@ class OnlineEngine {
   void follow(std::vector<Index> changed) {
     optimum_.counts() = StepCounts();
     optimum_.turned().clear();
+    asked_ = 0;
     optimum_.settle(/*may_wait=*/options_.loss == Loss::l2 || weights_.would_stay(changed));
     if (options_.loss != Loss::l2) {
-      constexpr int most = 30;
-      std::unordered_set<Index> dropped, pardoned;
-      for (int k = 0; k < most && weights_(optimum_.turned(), changed, dropped, pardoned); ++k) {
-        optimum_.settle(/*may_wait=*/false);
+      weights_.left_out.clear();
+      weights_.append_left_out(changed);
+      reweight(std::move(changed));
+      if (options_.second_opinions &&
+          second_opinion_.is_due(weights_.left_out, weights_.num_outliers)) {
+        ask();
+        second_opinion_.has_asked(weights_.num_outliers);
       }
     }
     tended_.parted.clear();
     count();
+  }
+
+  void reweight(std::vector<Index> changed) {
+    constexpr int most = 30;
+    std::unordered_set<Index> dropped, pardoned;
+    for (int k = 0; k < most && weights_(optimum_.turned(), changed, dropped, pardoned); ++k) {
+      optimum_.settle(/*may_wait=*/false);
+    }
+  }
+
+  /// All edges are judged at once, in every component.
+  void ask() {
+    ++asked_;
+    std::vector<std::pair<Index, double>> parts;
+    for (const OnlineComponent& component : tended_.components) {
+      if (component.ground < 0) continue;
+      const auto of_component = second_opinion_.ask(component);
+      parts.insert(parts.end(), of_component.begin(), of_component.end());
+    }
+    if (parts.empty()) return;
+    weights_.take(parts);
+    optimum_.settle(/*may_wait=*/false);
+    reweight({});
   }
 
   void count() {
@@ -181,6 +228,7 @@ class OnlineEngine {
     state_.moved = optimum_.counts().moved;
     state_.refreshed = optimum_.counts().refreshed;
     state_.solved = optimum_.counts().solved;
+    state_.asked = asked_;
   }
 
   OnlineOptions options_;
@@ -188,7 +236,9 @@ class OnlineEngine {
   TendedCore tended_;
   OnlineOptimum optimum_;
   OnlineWeights weights_;
+  SecondOpinion second_opinion_;
   OnlineState state_;
+  int asked_ = 0;
 };
 
 }  // namespace detail

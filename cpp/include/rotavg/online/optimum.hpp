@@ -4,11 +4,13 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <optional>
 #include <utility>
 #include <vector>
 
 #include <rotavg/certify/certificate.hpp>
 #include <rotavg/certify/component_certificate.hpp>
+#include <rotavg/online/closing.hpp>
 #include <rotavg/online/component_sums.hpp>
 #include <rotavg/online/follow.hpp>
 #include <rotavg/online/tended_core.hpp>
@@ -52,6 +54,17 @@ class OnlineOptimum {
   /// Nodes that moved since this was cleared, perhaps several times.
   std::vector<Index>& turned() { return follower_.turned; }
   double relative_gradient() const { return follower_.relative_gradient; }
+
+  /// What an edge that is not in use yet would cost, if that can be told.
+  std::optional<Closing> foretell(const OnlineEdge& e) {
+    if (tended_.has_loosened) return std::nullopt;
+    OnlineComponent& component = tended_.component_of(e.i);
+    const double gap = gap_by_factor(component);
+    if (!std::isfinite(gap)) return std::nullopt;
+    std::optional<Closing> closing = rotavg::foretell(tended_, e, gap);
+    if (closing) closing->least_cost -= component.gap;  // of what waits
+    return closing;
+  }
 
   double relative_gap(const OnlineComponent& component) const {
     if (component.num_edges == 0) return 0.0;

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include <rotavg/online/optimum.hpp>
 #include <rotavg/online/tended_core.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/so3/quaternion.hpp>
@@ -23,6 +24,13 @@ class OnlineWeights {
   OnlineWeights(TendedCore& tended, const RobustLoss& loss) : tended_(tended), loss_(loss) {}
 
   Index num_outliers = 0;
+  std::vector<Index> left_out;  ///< edges that were, since this was cleared
+
+  void append_left_out(const std::vector<Index>& edges) {
+    for (const Index k : edges) {
+      if (is_outlier(k)) left_out.push_back(k);
+    }
+  }
 
   bool is_outlier(Index k) const {
     const OnlineEdge& e = tended_.graph().edge(k);
@@ -37,6 +45,17 @@ class OnlineWeights {
       return !is_judged(k) ||
              (is_within_component(k) && !differs(k, loss_.weight(squared_chord(k))));
     });
+  }
+
+  /// What the loss leaves of the weight of a new edge that closes a cycle. The truncated loss
+  /// leaves out those of which it is proved that they would cost more than that.
+  double foretold_part(Index k, OnlineOptimum& optimum) const {
+    const OnlineEdge& e = tended_.graph().edge(k);
+    if (loss_.kind == Loss::l2 || e.trusted || !(e.given > 0.0)) return 1.0;
+    const auto closing = optimum.foretell(e);
+    if (!closing) return 1.0;
+    if (loss_.kind != Loss::tls) return loss_.weight(closing->squared_chord);
+    return closing->least_cost > 2.0 * e.given * loss_.rho(4.0) ? 0.0 : 1.0;
   }
 
   void use_weight(Index k, double weight) {
@@ -91,15 +110,34 @@ class OnlineWeights {
       dropped.insert(furthest);
       parts.emplace_back(furthest, 0.0);
     }
-    for (const auto& [k, part] : parts) {
-      num_outliers -= is_outlier(k);
-      use_weight(k, part * tended_.graph().edge(k).given);
-      num_outliers += is_outlier(k);
-    }
+    use_parts(parts);
     return !parts.empty();
   }
 
+  /// Other weights, as parts of those that were given: what grows first, or the graph falls apart
+  /// for a while.
+  void take(std::vector<std::pair<Index, double>> parts) {
+    const auto grows = [&](const std::pair<Index, double>& of) {
+      const OnlineEdge& e = tended_.graph().edge(of.first);
+      return of.second * e.given > e.weight;
+    };
+    std::stable_partition(parts.begin(), parts.end(), grows);
+    parts.erase(std::remove_if(parts.begin(), parts.end(),
+                               [&](const auto& of) { return !differs(of.first, of.second); }),
+                parts.end());
+    use_parts(parts);
+  }
+
  private:
+  void use_parts(const std::vector<std::pair<Index, double>>& parts) {
+    for (const auto& [k, part] : parts) {
+      const bool was_outlier = is_outlier(k);
+      use_weight(k, part * tended_.graph().edge(k).given);
+      num_outliers += is_outlier(k) - was_outlier;
+      if (is_outlier(k) && !was_outlier) left_out.push_back(k);
+    }
+  }
+
   void append_edges_at(const std::vector<Index>& nodes, std::vector<Index>& edges) const {
     for (const Index i : nodes) {
       for (const GrowingGraph::End& end : tended_.graph().ends(i)) edges.push_back(end.edge);
@@ -122,11 +160,9 @@ class OnlineWeights {
     return std::abs(part - e.weight / e.given) > coarse;
   }
 
-  /// r^2 of RobustLoss.
   double squared_chord(Index k) const {
     const OnlineEdge& e = tended_.graph().edge(k);
-    const Quaternion q_i = tended_.core.rotation(e.i), q_j = tended_.core.rotation(e.j);
-    return tended_.core.cost(k, q_i, q_j) / (2.0 * e.i_from_j.squaredNorm());
+    return tended_.core.squared_chord(k, tended_.core.rotation(e.i), tended_.core.rotation(e.j));
   }
 
   TendedCore& tended_;

@@ -27,8 +27,11 @@ class TendedCore {
   CliqueTree<Core> tree{core};
   std::vector<OnlineComponent> components;
   std::vector<Index> touched;  ///< nodes of the core
-  std::vector<Index> fresh;    ///< edges that have come to the core
-  std::vector<Index> parted;   ///< nodes that are in another component than before
+  /// Whether something held more firmly where `touched` was last empty: an edge has gone, or become
+  /// lighter, or two grounds one. The factor of then bounds no cost any more.
+  bool has_loosened = false;
+  std::vector<Index> fresh;   ///< edges that have come to the core
+  std::vector<Index> parted;  ///< nodes that are in another component than before
   Index num_components = 0;
 
   const GrowingGraph& graph() const { return core.graph(); }
@@ -76,6 +79,7 @@ class TendedCore {
     core.graph().edge(k).in_core = false;
     for_good ? core.graph().remove_edge(k) : core.graph().set_weight(k, 0.0);
     if (was_in_core) {
+      has_loosened = true;
       touch(i);
       touch(j);
       split(i, j);
@@ -97,6 +101,7 @@ class TendedCore {
     core.graph().set_weight(k, weight);
     change_weight(component, old, weight);
     if (!graph().edge(k).in_core) return;
+    has_loosened |= weight < old;
     update_edge(k);
     touch(graph().edge(k).i);
     touch(graph().edge(k).j);
@@ -122,6 +127,7 @@ class TendedCore {
   void clear_touched() {
     for (const Index i : touched) marked_[i] = false;
     touched.clear();
+    has_loosened = false;
   }
 
  private:
@@ -204,6 +210,7 @@ class TendedCore {
       enter_core(i);
       enter_core(j);
       core.node(ground).kind = NodeKind::core;
+      has_loosened = true;
       touch(ground);
       core.for_each_neighbour(ground, [&](Index l) { touch(l); });
       set_in_core(k);

@@ -1,0 +1,32 @@
+"""Trajectories among measurement graphs: what a robust loss does to their odometry."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotavg.graph.measurement_graph import MeasurementGraph
+from rotavg.solving.known_edges import odometry
+from rotavg.solving.solved import Solved
+
+_MOST = 0.9  # of the steps from one node to the next
+
+
+def is_trajectory(graph: MeasurementGraph) -> bool:
+    """Whether nearly every node is joined to that of the next number, as a robot's poses are."""
+    if graph.nodes.dtype.kind == "U" or graph.num_nodes < 3:
+        return False
+    steps = np.unique(np.sort(graph.edges[odometry(graph)], axis=1), axis=0)
+    return len(steps) >= _MOST * (graph.num_nodes - 1)
+
+
+def doubted_odometry(solution: Solved) -> str | None:
+    """A sentence, where a robust loss calls edges of a trajectory's odometry outliers."""
+    graph = solution.graph
+    if not solution.is_outlier.any() or not is_trajectory(graph):
+        return None
+    steps = odometry(graph)
+    doubted = int((steps & solution.is_outlier).sum())
+    if doubted == 0:
+        return None
+    some = f"{doubted} of {int(steps.sum())} edges between consecutive numbers are outliers"
+    return f'{some}: if these are odometry, trust it (--trust-odometry, trusted="odometry")'
