@@ -85,7 +85,7 @@ void bind_online(py::module_& m) {
       .def_readonly("moved", &OnlineState::moved)
       .def_readonly("refreshed", &OnlineState::refreshed)
       .def_readonly("solved", &OnlineState::solved)
-      .def_readonly("asked", &OnlineState::asked);
+      .def_readonly("num_second_opinions", &OnlineState::num_second_opinions);
   py::class_<Online>(m, "Online")
       .def(py::init(&make_online), py::kw_only(), py::arg("tolerance"),
            py::arg("certificate_tolerance"), py::arg("loss"), py::arg("loss_scale"),

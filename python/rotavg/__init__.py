@@ -56,7 +56,8 @@ from rotavg.solving.cycle_evidence import CycleEvidence, cycle_evidence
 from rotavg.solving.diagnosis import Diagnosis, Share, diagnose
 from rotavg.solving.headings import solve_headings
 from rotavg.solving.objective import gradient, objective
-from rotavg.solving.online import Online, OnlineSolution
+from rotavg.solving.online import Online
+from rotavg.solving.online_solution import OnlineSolution
 from rotavg.solving.robust import PriorFit, RobustFit
 from rotavg.solving.solution import Interrupted, Solution
 from rotavg.solving.solve import solve

@@ -289,35 +289,3 @@ def test_compare_tells_a_reference_in_the_other_family(tmp_path: Path) -> None:
         assert question in run(*arguments)[1]
         assert question in json.loads(run(*arguments, "--json")[0])["notes"][0]
         assert question not in run(*arguments, "--reference-convention", "vision")[1]
-
-
-def test_odometry_that_is_called_an_outlier_is_told() -> None:
-    graph = rotavg.simulate("sphere", n=60, noise=0.01, seed=3).graph
-    steps = np.flatnonzero(graph.edges[:, 1] - graph.edges[:, 0] == 1)
-    rotations = graph.rotations.copy()
-    rotations[steps[30]] = rotations[steps[30]] @ matrices_from_rotvecs(np.array([2.0, 0.0, 0.0]))
-    wrong = rotavg.MeasurementGraph(graph.edges, rotations)
-    told = "1 of 59 edges between consecutive numbers are outliers: if these are odometry, trust it"
-    assert told in str(rotavg.solve(wrong, loss="auto"))
-    assert "odometry?" not in str(rotavg.solve(graph, loss="auto"))
-    trusting = rotavg.solve(wrong, loss="auto", trusted="odometry")
-    assert (trusting.edge_verdicts == "trusted").sum() == len(steps) == 59
-    assert "odometry?" not in str(trusting)
-    # Where few ids follow one another it is no trajectory.
-    spread = rotavg.MeasurementGraph(3 * graph.edges, rotations)
-    assert "odometry?" not in str(rotavg.solve(spread, loss="auto"))
-
-
-def test_odometry_by_name() -> None:
-    graph = rotavg.simulate("sphere", n=40, noise=0.01, seed=3).graph
-    left_out = rotavg.solve(graph, loss="tls", trusted="odometry", excluded=[(0, 1)])
-    steps = graph.edges[:, 1] - graph.edges[:, 0] == 1
-    out = (graph.edges == (0, 1)).all(axis=1)
-    assert np.array_equal(left_out.edge_verdicts == "trusted", steps & ~out)
-    with pytest.raises(rotavg.OptionError, match="trusted is 'odo'; expected \"odometry\", a mask"):
-        rotavg.solve(graph, loss="tls", trusted="odo")
-    with pytest.raises(rotavg.OptionError, match="trusted is for a robust loss"):
-        rotavg.solve(graph, trusted="odometry")
-    names = rotavg.MeasurementGraph([[str(i), str(j)] for i, j in graph.edges], graph.rotations)
-    with pytest.raises(rotavg.GraphError, match="the nodes have names"):
-        rotavg.solve(names, loss="tls", trusted="odometry")

@@ -218,7 +218,7 @@ def test_all_closures_are_judged_at_once_where_the_first_ones_were_wrong() -> No
         asked = 0
         for i, j in right.tolist():
             online.add([(i, j)], truth[i].T @ truth[j])
-            asked += online.state.asked
+            asked += online.state.num_second_opinions
         found[asks] = np.flatnonzero(online.edge_weights < 0.5)
         assert (asked > 0) == asks, SEED
         assert online.verdict == "proved"

@@ -127,6 +127,6 @@ def _state(online: rotavg.Online, step: int, line: int, seconds: float) -> dict[
             "relative_gap": state.relative_gap,
         },
         "iterations": state.iterations,
-        "asked": state.asked,
+        "second_opinions": state.num_second_opinions,
         "seconds": seconds,
     }

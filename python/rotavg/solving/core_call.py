@@ -13,7 +13,7 @@ from rotavg.base.arrays import as_floats
 from rotavg.base.errors import GraphError, OptionError, SolverError, expect
 from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.solving.online import OnlineSolution
+from rotavg.solving.online_solution import OnlineSolution
 from rotavg.solving.solution import Solution
 
 # Rows as in the nodes of a graph, or a rotation for each of their ids.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NoReturn, get_args
 
 import numpy as np
@@ -17,43 +15,12 @@ from rotavg.graph import conventions
 from rotavg.graph.conventions import Convention
 from rotavg.graph.ids import IdArray, as_edges, as_ids, edge_error
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.graph.node_mapping import IdMapping
 from rotavg.solving import options
 from rotavg.solving.certificate import Verdict
+from rotavg.solving.online_solution import OnlineSolution
 from rotavg.solving.robust import Loss
 
 _LOSSES = tuple(loss for loss in get_args(Loss) if loss != "auto")
-
-
-@dataclass(frozen=True, eq=False)
-class OnlineSolution(IdMapping):
-    """What `Online` knew at one time, and a mapping from the ids of the nodes to their rotations.
-
-    Attributes:
-        nodes: (n,) ids, in the order in which they came.
-        rotations: (n, 3, 3) world_from_node, the identity at the first node of every component.
-        objective: f(rotations), equation (3), with the weights in use.
-        verdict: "proved" where `relative_gap` is below the tolerance, else "not_certified".
-        gap: bound on f(rotations) - f*, where f* is the global optimum. Rounding is included.
-        relative_gap: gap / f, of the worst component.
-        num_components: of the graph.
-    """
-
-    nodes: IdArray
-    rotations: NDArray[np.float64]
-    objective: float
-    verdict: Verdict
-    gap: float
-    relative_gap: float
-    num_components: int
-
-    @cached_property
-    def quaternions(self) -> NDArray[np.float64]:
-        """(n, 4) Hamilton quaternions xyzw, w >= 0."""
-        return read_only(conventions.quaternions_from_matrices(self.rotations))
-
-    def _ids(self) -> IdArray:
-        return self.nodes
 
 
 class Online:
@@ -85,7 +52,7 @@ class Online:
         loss_scale: of a robust loss, radians.
         second_opinions: whether all edges are judged at once now and then, as by `solve`, since
             edges that came first are not always the right ones. Such a step takes as long as that
-            does; the number of them grows as the logarithm of that of the outliers.
+            does (docs/online.md says when there is one).
 
     Raises:
         OptionError: an option is out of range.
@@ -125,7 +92,7 @@ class Online:
         weights: ArrayLike | None = None,
         *,
         nodes: ArrayLike | None = None,
-        trusted: ArrayLike | None = None,
+        trusted: ArrayLike | str | None = None,
         convention: Convention = "pose",
     ) -> NDArray[np.int32]:
         """Add edges, and nodes where they are new.
@@ -136,8 +103,8 @@ class Online:
             weights: (m,) 0 (not used, for now) or in [1e-100, 1e100]; by default 1.
             nodes: ids that are to be there whether or not an edge has them, in this order and
                 before those of the edges.
-            trusted: (m,) which edges a robust loss leaves alone; by default those between
-                consecutive integers, which are taken for odometry.
+            trusted: (m,) which edges a robust loss leaves alone; by default "odometry", those
+                between consecutive integers. Of the edges of one call they count first.
             convention: of the rotations, as for `MeasurementGraph`.
 
         Returns:
@@ -321,8 +288,12 @@ class Online:
         return np.array(flat, dtype=np.int64).reshape(ids.shape)
 
     @staticmethod
-    def _trusted(ids: IdArray, trusted: ArrayLike | None) -> NDArray[np.bool_] | None:
-        if trusted is None:
+    def _trusted(ids: IdArray, trusted: ArrayLike | str | None) -> NDArray[np.bool_] | None:
+        if isinstance(trusted, str) and trusted != "odometry":
+            raise GraphError(f'trusted is {trusted!r}; expected "odometry" or booleans (m,)')
+        if trusted is None or isinstance(trusted, str):
+            if ids.dtype.kind == "U" and trusted is not None:
+                raise GraphError("the nodes have names, and so no edge joins consecutive numbers")
             if ids.dtype.kind == "U":
                 return None
             mask: NDArray[np.bool_] = np.abs(ids[:, 1] - ids[:, 0]) == 1

@@ -21,10 +21,10 @@ def is_trajectory(graph: MeasurementGraph) -> bool:
 
 def doubted_odometry(solution: Solved) -> str | None:
     """A sentence, where a robust loss calls edges of a trajectory's odometry outliers."""
-    graph = solution.graph
-    if not solution.is_outlier.any() or not is_trajectory(graph):
+    graph, robust = solution.graph, solution.robust
+    if robust is None or not solution.is_outlier.any() or not is_trajectory(graph):
         return None
-    steps = odometry(graph)
+    steps = odometry(graph) & (robust.edge_verdicts != "excluded")
     doubted = int((steps & solution.is_outlier).sum())
     if doubted == 0:
         return None

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
-#include <unordered_set>
 #include <utility>
 #include <vector>
 
@@ -22,18 +21,24 @@ struct Closing {
 
 namespace detail {
 
-/// The weights of the edges between a hanging node and what it rides on, in series: 1 / w summed
-/// up.
+/// The sum of 1 / w along the hanging paths of two nodes, without what they share.
 inline double slack_between(const Core& core, Index i, Index j) {
-  std::unordered_set<Index> edges;  // what both ways have in common counts for neither
-  for (Index at : {i, j}) {
+  const auto path_of = [&](Index at) {
+    std::vector<Index> edges;
     for (; core.node(at).kind == NodeKind::hanging; at = core.node(at).anchor) {
-      const Index k = core.node(at).anchor_edge;
-      if (!edges.insert(k).second) edges.erase(k);
+      edges.push_back(core.node(at).anchor_edge);
     }
+    return edges;
+  };
+  std::vector<Index> of_i = path_of(i), of_j = path_of(j);
+  while (!of_i.empty() && !of_j.empty() && of_i.back() == of_j.back()) {
+    of_i.pop_back();
+    of_j.pop_back();
   }
   double slack = 0.0;
-  for (const Index k : edges) slack += 1.0 / core.graph().edge(k).weight;
+  for (const auto* path : {&of_i, &of_j}) {
+    for (const Index k : *path) slack += 1.0 / core.graph().edge(k).weight;
+  }
   return slack;
 }
 
@@ -51,8 +56,7 @@ inline double slack_between(const Core& core, Index i, Index j) {
 /// @returns nothing where the nodes are not in the factor
 inline std::optional<Closing> foretell(TendedCore& tended, const OnlineEdge& e, double gap) {
   const Core& core = tended.core;
-  Matrix3 i_from_j = weighted_rotation(e.i_from_j);
-  i_from_j /= e.i_from_j.squaredNorm();
+  const Matrix3 i_from_j = e.rotation();
   std::vector<std::pair<Index, Matrix3>> ends;  // B^T
   const auto add_end = [&](Index i, Matrix3 block) {
     const OnlineNode& node = core.node(i);
@@ -73,19 +77,14 @@ inline std::optional<Closing> foretell(TendedCore& tended, const OnlineEdge& e, 
   Matrix3 A = tended.tree.compliance(ends);
   add_to_diagonal(A, 1.0 / e.given + detail::slack_between(core, e.i, e.j));
 
-  const Matrix3 R_i = core.rotation(e.i).toRotationMatrix();
-  const Matrix3 R_j = core.rotation(e.j).toRotationMatrix();
-  Matrix3 D = product_transposed(i_from_j, R_j);
-  for (int k = 0; k < 9; ++k) D(k) = transposed(R_i)(k) - D(k);
+  const Matrix3 i_from_world = transposed(core.rotation(e.i).toRotationMatrix());
+  Matrix3 D = product_transposed(i_from_j, core.rotation(e.j).toRotationMatrix());
+  for (int k = 0; k < 9; ++k) D(k) = i_from_world(k) - D(k);
   const double size = A(0, 0) + A(1, 1) + A(2, 2);
   A /= size;
-  const Vector3 a = A.col(0), b = A.col(1), c = A.col(2);
-  const double det = dot(a, cross(b, c));
+  const double det = determinant(A);
   if (!(det > 0.0) || !std::isfinite(size)) return std::nullopt;
-  Matrix3 inverse;
-  inverse.row(0) = cross(b, c).transpose();
-  inverse.row(1) = cross(c, a).transpose();
-  inverse.row(2) = cross(a, b).transpose();
+  Matrix3 inverse = adjugate(A);
   inverse /= det * size;
   const Matrix3 force = product(inverse, D);
   double cost = 0.0, left = 0.0;

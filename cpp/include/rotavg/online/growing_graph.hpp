@@ -28,6 +28,15 @@ struct OnlineEdge {
   double cost = 0.0;     ///< w |R_i R_ij - R_j|_F^2, of an edge of the core
   /// sqrt(w) times the quaternions of R_ij R_j^T R_i and R_j^T R_i R_ij.
   Vector4 at_i = Vector4::Zero(), at_j = Vector4::Zero();
+
+  /// Whether a robust loss leaves it less than half its weight.
+  bool is_left_out() const { return weight < 0.5 * given; }
+  /// R_ij.
+  Matrix3 rotation() const {
+    Matrix3 R = weighted_rotation(i_from_j);
+    R /= i_from_j.squaredNorm();
+    return R;
+  }
 };
 
 /// A measurement graph to which nodes and edges are added, and from which edges go. Nodes and edges

@@ -41,12 +41,12 @@ struct OnlineState {
   Index num_nodes = 0, num_edges = 0, num_components = 0;
   Index num_outliers = 0;  ///< edges that the loss leaves less than half their weight
   // Of the last step:
-  int iterations = 0;    ///< Newton steps
-  Index eliminated = 0;  ///< nodes whose columns of the factor were made anew
-  Index moved = 0;       ///< nodes that were turned, counted once an iteration
-  int refreshed = 0;     ///< times that the dual was moved to the rotations
-  int solved = 0;        ///< times that solve() was called
-  int asked = 0;         ///< times that solve_robust() judged all edges at once
+  int iterations = 0;           ///< Newton steps
+  Index eliminated = 0;         ///< nodes whose columns of the factor were made anew
+  Index moved = 0;              ///< nodes that were turned, counted once an iteration
+  int refreshed = 0;            ///< times that the dual was moved to the rotations
+  int solved = 0;               ///< times that solve() was called
+  int num_second_opinions = 0;  ///< times that solve_robust() judged all edges at once
 };
 
 /// Rotation averaging while data come in: edges and nodes are added, removed and reweighted, and

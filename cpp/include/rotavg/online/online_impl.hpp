@@ -60,6 +60,7 @@ class OnlineEngine {
       e.trusted = !trusted.empty() && trusted[k];
       checked.push_back(e);
     }
+    begin_step();
     for (const NodeId id : nodes) node_of(id);
     std::vector<Index> numbers;
     for (std::size_t k = 0; k < edges.size(); ++k) {
@@ -76,6 +77,7 @@ class OnlineEngine {
 
   void remove(const std::vector<Index>& edges) {
     check_numbers(edges);
+    begin_step();
     for (const Index k : edges) {
       weights_.num_outliers -= weights_.is_outlier(k);
       if (graph().edge(k).weight > 0.0) {
@@ -97,6 +99,7 @@ class OnlineEngine {
     for (std::size_t k = 0; k < edges.size(); ++k) {
       if (weights[k] != 0.0) check_weight(static_cast<Index>(k), weights[k]);
     }
+    begin_step();
     for (std::size_t k = 0; k < edges.size(); ++k) {
       OnlineEdge& e = tended_.core.graph().edge(edges[k]);
       const double left = e.given > 0.0 ? e.weight / e.given : 1.0;
@@ -132,15 +135,27 @@ class OnlineEngine {
     return row >= 0 ? row : tended_.add_node(id);
   }
 
-  /// New edges: first those that join components, then the others, at the weights that the loss can
-  /// foretell.
-  void use(const std::vector<Index>& edges) {
+  /// New edges: those that join components, odometry first; those that the loss does not judge; and
+  /// then the others, at the weights that it can foretell from where these are met.
+  void use(std::vector<Index> edges) {
+    if (options_.loss != Loss::l2) {
+      std::stable_partition(edges.begin(), edges.end(),
+                            [&](Index k) { return graph().edge(k).trusted; });
+    }
     std::vector<Index> closings;
+    bool has_moved = false;
     for (const Index k : edges) {
       const OnlineEdge& e = graph().edge(k);
       const bool joins = tended_.core.node(e.i).component != tended_.core.node(e.j).component;
-      joins ? weights_.use_weight(k, e.given) : closings.push_back(k);
+      if (!joins && weights_.is_foretold(k)) {
+        closings.push_back(k);
+      } else {
+        weights_.use_weight(k, e.given);
+        has_moved = has_moved || !joins || tended_.has_loosened;
+      }
     }
+    if (closings.empty()) return;
+    if (has_moved) optimum_.settle(/*may_wait=*/false);
     std::vector<double> parts;
     for (const Index k : closings) parts.push_back(weights_.foretold_part(k, optimum_));
     for (std::size_t p = 0; p < closings.size(); ++p) {
@@ -163,19 +178,22 @@ class OnlineEngine {
     }
   }
 
+  void begin_step() {
+    optimum_.counts() = StepCounts();
+    optimum_.turned().clear();
+    num_second_opinions_ = 0;
+  }
+
   /// After the graph has changed.
   /// @param changed edges, which a robust loss looks at
   void follow(std::vector<Index> changed) {
-    optimum_.counts() = StepCounts();
-    optimum_.turned().clear();
-    asked_ = 0;
     optimum_.settle(/*may_wait=*/options_.loss == Loss::l2 || weights_.would_stay(changed));
     if (options_.loss != Loss::l2) {
       weights_.left_out.clear();
       weights_.append_left_out(changed);
       reweight(std::move(changed));
-      if (options_.second_opinions &&
-          second_opinion_.is_due(weights_.left_out, weights_.num_outliers)) {
+      second_opinion_.note(weights_.left_out, weights_.num_outliers);
+      if (options_.second_opinions && second_opinion_.is_due()) {
         ask();
         second_opinion_.has_asked(weights_.num_outliers);
       }
@@ -194,7 +212,7 @@ class OnlineEngine {
 
   /// All edges are judged at once, in every component.
   void ask() {
-    ++asked_;
+    ++num_second_opinions_;
     std::vector<std::pair<Index, double>> parts;
     for (const OnlineComponent& component : tended_.components) {
       if (component.ground < 0) continue;
@@ -228,7 +246,7 @@ class OnlineEngine {
     state_.moved = optimum_.counts().moved;
     state_.refreshed = optimum_.counts().refreshed;
     state_.solved = optimum_.counts().solved;
-    state_.asked = asked_;
+    state_.num_second_opinions = num_second_opinions_;
   }
 
   OnlineOptions options_;
@@ -238,7 +256,7 @@ class OnlineEngine {
   OnlineWeights weights_;
   SecondOpinion second_opinion_;
   OnlineState state_;
-  int asked_ = 0;
+  int num_second_opinions_ = 0;
 };
 
 }  // namespace detail
@@ -283,9 +301,7 @@ ROTAVG_INLINE std::vector<RelativeRotation> Online::edges(std::vector<Index>& nu
   for (Index k = 0; k < graph.num_edges(); ++k) {
     const OnlineEdge& e = graph.edge(k);
     if (!e.is_there) continue;
-    Matrix3 R = weighted_rotation(e.i_from_j);
-    R /= e.i_from_j.squaredNorm();
-    edges.push_back({graph.ids()[e.i], graph.ids()[e.j], R, e.given});
+    edges.push_back({graph.ids()[e.i], graph.ids()[e.j], e.rotation(), e.given});
     numbers.push_back(k);
   }
   return edges;

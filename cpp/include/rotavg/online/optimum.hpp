@@ -12,6 +12,7 @@
 #include <rotavg/certify/component_certificate.hpp>
 #include <rotavg/online/closing.hpp>
 #include <rotavg/online/component_sums.hpp>
+#include <rotavg/online/core_of_component.hpp>
 #include <rotavg/online/follow.hpp>
 #include <rotavg/online/tended_core.hpp>
 #include <rotavg/problem/objective.hpp>
@@ -253,29 +254,14 @@ class OnlineOptimum {
   /// All of a component by solve(), from where it is.
   void solve_component(OnlineComponent& component) {
     ++counts().solved;
-    std::vector<RelativeQuaternion> measurements;
-    std::vector<NodeId> rows;
-    Rotations start;
-    std::vector<Index> nodes;
-    for (const Index i : component.nodes) {
-      if (tended_.core.node(i).kind == NodeKind::hanging) continue;
-      nodes.push_back(i);
-      rows.push_back(i);
-      start.push_back(tended_.core.rotation(i).toRotationMatrix());
-      for (const GrowingGraph::End& end : tended_.graph().ends(i)) {
-        const OnlineEdge& e = tended_.graph().edge(end.edge);
-        if (e.i != i || !e.in_core || !(e.weight > 0.0)) continue;
-        measurements.push_back({e.i, e.j, e.i_from_j, e.weight});
-      }
-    }
-    if (measurements.empty()) return;
+    const CoreOfComponent of_core(tended_, component);
+    if (of_core.measurements.empty()) return;
     SolveOptions options;
     options.certificate.tolerance = certificate_tolerance_;
     options.certificate.failure_probability = 0.0;
     options.iteration.num_threads = 1;
-    const MeasurementGraph part(
-        measurements.size(), [&](std::size_t k) { return measurements[k]; }, rows);
-    Solution solution = rotavg::solve(part, options, start);
+    const MeasurementGraph part = of_core.graph();
+    Solution solution = rotavg::solve(part, options, of_core.rotations);
     if (solution.certificate.verdict != Verdict::proved) {  // perhaps a local optimum
       Solution other = rotavg::solve(part, options);
       if (other.objective < solution.objective) solution = std::move(other);
@@ -283,31 +269,7 @@ class OnlineOptimum {
     const double gain = component.objective - solution.objective;
     const bool proved = solution.certificate.verdict == Verdict::proved;
     if (gain > 0.0 || proved) {
-      const Index ground = component.ground;
-      Quaternion turn = Quaternion::Identity();
-      for (std::size_t a = 0; a < nodes.size(); ++a) {
-        if (nodes[a] == ground) {
-          turn = Quaternion(product(tended_.core.node(ground).q,
-                                    to_quaternion(solution.rotations[a]).conjugate()));
-        }
-      }
-      for (std::size_t a = 0; a < nodes.size(); ++a) {
-        if (nodes[a] == ground) continue;
-        tended_.core.node(nodes[a]).q =
-            Quaternion(product(turn, to_quaternion(solution.rotations[a]))).normalized();
-      }
-      for (const Index i : nodes) {
-        for (const GrowingGraph::End& end : tended_.graph().ends(i)) {
-          const OnlineEdge& e = tended_.graph().edge(end.edge);
-          if (e.i == i && e.in_core && e.weight > 0.0) tended_.update_edge(end.edge);
-        }
-      }
-      std::vector<Index> core_nodes;
-      for (const Index i : nodes) {
-        if (tended_.core.node(i).kind != NodeKind::core) continue;
-        tended_.update_node(i);
-        core_nodes.push_back(i);
-      }
+      const std::vector<Index> core_nodes = of_core.place(tended_, solution.rotations);
       sum_objective(component, tended_.graph());
       follower_.refresh(core_nodes);
       if (!proved) converge_again(component);
@@ -320,9 +282,8 @@ class OnlineOptimum {
     }
     take_bound(component);
     if (proved && !is_proved(component)) {  // too little noise for the factor of the tree
-      Rotations R;
-      for (const Index i : nodes) R.push_back(tended_.core.rotation(i).toRotationMatrix());
-      const Certificate certificate = rotavg::certify(part, R, options.certificate);
+      const CoreOfComponent now(tended_, component);
+      const Certificate certificate = rotavg::certify(part, now.rotations, options.certificate);
       if (certificate.verdict == Verdict::proved) {
         component.gap = std::min(component.gap, certificate.gap);
       }

@@ -9,7 +9,6 @@
 #include <rotavg/online/optimum.hpp>
 #include <rotavg/online/tended_core.hpp>
 #include <rotavg/robust/loss.hpp>
-#include <rotavg/so3/quaternion.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -32,10 +31,7 @@ class OnlineWeights {
     }
   }
 
-  bool is_outlier(Index k) const {
-    const OnlineEdge& e = tended_.graph().edge(k);
-    return e.weight < 0.5 * e.given;
-  }
+  bool is_outlier(Index k) const { return tended_.graph().edge(k).is_left_out(); }
 
   /// Whether the rotations of now leave the weights of these edges as they are, and of those at
   /// nodes that are in another component than before.
@@ -47,15 +43,22 @@ class OnlineWeights {
     });
   }
 
-  /// What the loss leaves of the weight of a new edge that closes a cycle. The truncated loss
-  /// leaves out those of which it is proved that they would cost more than that.
-  double foretold_part(Index k, OnlineOptimum& optimum) const {
+  /// Whether the loss judges a new edge that closes a cycle before it is used.
+  bool is_foretold(Index k) const {
     const OnlineEdge& e = tended_.graph().edge(k);
-    if (loss_.kind == Loss::l2 || e.trusted || !(e.given > 0.0)) return 1.0;
+    return loss_.kind != Loss::l2 && !e.trusted && e.given > 0.0;
+  }
+
+  /// What the loss leaves of the weight of such an edge. The truncated loss leaves out those of
+  /// which it is proved, to rounding, that they would cost more than that.
+  double foretold_part(Index k, OnlineOptimum& optimum) const {
+    constexpr double largest = 4.0;        // r^2 of half a turn
+    constexpr double margin = 1.0 + 1e-9;  // for the rounding of what is foretold
+    const OnlineEdge& e = tended_.graph().edge(k);
     const auto closing = optimum.foretell(e);
     if (!closing) return 1.0;
     if (loss_.kind != Loss::tls) return loss_.weight(closing->squared_chord);
-    return closing->least_cost > 2.0 * e.given * loss_.rho(4.0) ? 0.0 : 1.0;
+    return closing->least_cost > margin * 2.0 * e.given * loss_.rho(largest) ? 0.0 : 1.0;
   }
 
   void use_weight(Index k, double weight) {

@@ -27,26 +27,33 @@ class SecondOpinion {
   /// @param tended must outlive this object
   SecondOpinion(const TendedCore& tended, const RobustLoss& loss) : tended_(tended), loss_(loss) {}
 
-  /// Whether to ask. It takes as long as all edges do, so since it was asked more have to have been
-  /// left out, by a tenth where some of them agree, by a third where they do not; and unless they
-  /// are few, one edge in a hundred has to be new.
-  /// @param left_out in the last step
+  /// After a step.
+  /// @param left_out the edges that were, in this step
   /// @param num_outliers of now
-  bool is_due(const std::vector<Index>& left_out, Index num_outliers) {
-    constexpr Index few = 200;
+  void note(const std::vector<Index>& left_out, Index num_outliers) {
     for (const Index k : left_out) {
       agree_ = agree_ || (tended_.graph().edge(k).is_there && has_company(k));
     }
-    const Index edges = tended_.graph().num_edges();
+    num_outliers_ = num_outliers;
     asked_outliers_ = std::min(asked_outliers_, num_outliers);
-    if (num_outliers <= asked_outliers_ + asked_outliers_ / (agree_ ? 10 : 3)) return false;
-    if (edges > few && edges < asked_edges_ + asked_edges_ / 100) return false;
-    agree_ = false;
-    asked_edges_ = edges;
-    return true;
   }
-  /// After what was found is in use.
-  void has_asked(Index num_outliers) { asked_outliers_ = num_outliers; }
+
+  /// Whether to ask. It takes as long as all edges do, so since it was asked more have to have been
+  /// left out, by a tenth where some of them agree, by a third where they do not; and unless edges
+  /// are few, one in a hundred has to be new.
+  bool is_due() const {
+    constexpr Index few = 200;
+    const Index edges = tended_.graph().num_edges();
+    return num_outliers_ > asked_outliers_ + asked_outliers_ / (agree_ ? 10 : 3) &&
+           (edges <= few || edges >= asked_edges_ + asked_edges_ / 100);
+  }
+
+  /// After it was asked.
+  void has_asked(Index num_outliers) {
+    agree_ = false;
+    asked_edges_ = tended_.graph().num_edges();
+    asked_outliers_ = num_outliers;
+  }
 
   /// What solve_robust() leaves of the weights of the edges that the loss judges.
   /// @returns (edge, part); empty where the loss is not less for it
@@ -60,17 +67,18 @@ class SecondOpinion {
     robust.loss = loss_.kind;
     robust.scale = loss_.scale;
     robust.weight_kind = WeightKind::frequency;  // as the residuals are judged here, too
+    bool leaves_out = false;
     for (const Index i : component.nodes) {
       for (const GrowingGraph::End& end : tended_.graph().ends(i)) {
         const OnlineEdge& e = tended_.graph().edge(end.edge);
         if (e.i != i || !(e.given > 0.0) || row_of.count(e.j) == 0) continue;
-        Matrix3 R = weighted_rotation(e.i_from_j);
-        R /= e.i_from_j.squaredNorm();
-        measurements.push_back({e.i, e.j, R, e.given});
+        measurements.push_back({e.i, e.j, e.rotation(), e.given});
+        leaves_out = leaves_out || e.is_left_out();
         edges.push_back(end.edge);
         robust.known.trusted.push_back(e.trusted);
       }
     }
+    if (!leaves_out) return {};
     const MeasurementGraph graph(measurements, rows);
     SolveOptions options;
     options.certify = false;
@@ -105,8 +113,7 @@ class SecondOpinion {
     for (const Index a : near_i) {
       for (const GrowingGraph::End& end : tended_.graph().ends(a)) {
         const OnlineEdge& other = tended_.graph().edge(end.edge);
-        const bool is_left_out = other.given > 0.0 && other.weight < 0.5 * other.given;
-        if (end.edge == k || !is_left_out || at_j.count(end.node) == 0) continue;
+        if (end.edge == k || !other.is_left_out() || at_j.count(end.node) == 0) continue;
         const Quaternion same = turn_asked(other);
         const double off = chordal_distance(turn, other.i == a ? same : same.conjugate());
         if (0.5 * off * off < 4.0 * loss_.scale * loss_.scale) return true;
@@ -137,7 +144,7 @@ class SecondOpinion {
   const TendedCore& tended_;
   RobustLoss loss_;
   bool agree_ = false;  // edges that were left out since it was asked
-  Index asked_edges_ = 0, asked_outliers_ = 0;
+  Index num_outliers_ = 0, asked_edges_ = 0, asked_outliers_ = 0;
 };
 
 }  // namespace rotavg

@@ -27,8 +27,8 @@ class TendedCore {
   CliqueTree<Core> tree{core};
   std::vector<OnlineComponent> components;
   std::vector<Index> touched;  ///< nodes of the core
-  /// Whether something held more firmly where `touched` was last empty: an edge has gone, or become
-  /// lighter, or two grounds one. The factor of then bounds no cost any more.
+  /// Whether S has lost anything since the factor was made: an edge has gone or is lighter, or of
+  /// two grounds one is left. The factor then bounds no cost.
   bool has_loosened = false;
   std::vector<Index> fresh;   ///< edges that have come to the core
   std::vector<Index> parted;  ///< nodes that are in another component than before

@@ -135,4 +135,15 @@ inline double determinant(const Matrix3& A) {
          A(0, 2) * (A(1, 0) * A(2, 1) - A(1, 1) * A(2, 0));
 }
 
+/// det(A) A^-1.
+inline Matrix3 adjugate(const Matrix3& A) {
+  const Vector3 a = A.col(0), b = A.col(1), c = A.col(2);
+  const Vector3 rows[3] = {cross(b, c), cross(c, a), cross(a, b)};
+  Matrix3 adjugate;
+  for (int r = 0; r < 3; ++r) {
+    for (int k = 0; k < 3; ++k) adjugate(r, k) = rows[r](k);
+  }
+  return adjugate;
+}
+
 }  // namespace rotavg
