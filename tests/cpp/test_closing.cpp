@@ -26,7 +26,7 @@ namespace {
 /// A graph whose optimum is kept, by its parts.
 struct Kept {
   TendedCore tended;
-  OnlineOptimum optimum{tended, 1e-10, 1e-6};
+  OnlineOptimum optimum{tended, 1e-10, 1e-6, 1e-10};
   std::vector<RelativeRotation> measurements;
 
   explicit Kept(Index num_nodes) {
@@ -140,4 +140,42 @@ TEST_CASE("a wrong closure costs nothing where it is proved to be dear") {
     CHECK(online.state().num_outliers == 20);
     test::check_against_solve(online, tolerance > 1e-9 ? 0.011 : 1e-9);
   }
+}
+
+TEST_CASE("closures of one call that agree with each other are judged as if they came one by one") {
+  OnlineOptions options;
+  options.loss = Loss::tls;
+  options.loss_scale = 0.2;
+  options.second_opinions = false;
+  const auto turn = [](double angle) { return exp_so3({angle, 0.0, 0.0}); };
+  for (const bool at_once : {true, false}) {
+    Online online(options);
+    for (Index i = 0; i < 7; ++i) online.add({{i, i + 1, Matrix3::Identity(), 7.0}}, {true});
+    online.add({{7, 0, turn(0.01), 0.01}}, {true});
+    const RelativeRotation first{0, 7, turn(0.2476), 1.04}, second{0, 7, turn(0.3508), 2.02};
+    if (at_once) {
+      online.add({first, second});
+    } else {
+      online.add({first});
+      online.add({second});
+    }
+    CHECK(online.state().num_outliers == 0);
+    CHECK(online.edge_weights().back() == 2.02);
+  }
+}
+
+TEST_CASE("a loose tolerance leaves out no closure before anything has moved") {
+  OnlineOptions options;
+  options.loss = Loss::tls;
+  options.loss_scale = 0.2;
+  options.second_opinions = false;
+  options.tolerance = 0.01;
+  const auto turn = [](double angle) { return exp_so3({angle, 0.0, 0.0}); };
+  Online online(options);
+  online.add({{0, 1, turn(0.05), 4e3}, {0, 1, turn(-0.05), 4e3}});
+  for (Index i = 1; i < 20; ++i) online.add({{i, i + 1, Matrix3::Identity()}}, {true});
+  online.add({{20, 1, turn(0.02)}}, {true});
+  online.add({{1, 11, turn(0.25)}});
+  CHECK(online.edge_weights().back() == 1.0);
+  CHECK(online.state().num_outliers == 0);
 }

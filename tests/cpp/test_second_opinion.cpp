@@ -109,3 +109,33 @@ TEST_CASE("they can be switched off") {
     CHECK(online.state().num_outliers == 8);
   }
 }
+
+TEST_CASE("what solve() moves, and what hangs from nodes that move, is judged anew") {
+  const auto turn = [](double angle) { return exp_so3({angle, 0.0, 0.0}); };
+  const Matrix3 I = Matrix3::Identity();
+  OnlineOptions options;
+  options.loss = Loss::tls;
+  options.second_opinions = false;
+  {
+    // Five edges of two nodes, two against three by half a turn: no step leads from one to the
+    // other.
+    options.loss_scale = 0.7;
+    Online online(options);
+    const Matrix3 half = exp_so3({0.0, 0.0, 3.141592653589793});
+    online.add({{1, 0, I}, {0, 1, I}});
+    online.add({{0, 1, half}, {1, 0, half}, {0, 1, half}});
+    CHECK(online.state().num_outliers == 2);
+    CHECK(online.state().objective < 1e-20);
+  }
+  {
+    options.loss_scale = 0.2;
+    Online online(options);
+    for (Index i = 0; i < 9; ++i) online.add({{i, i + 1, I, 10.0}});
+    online.add({{9, 0, turn(0.1), 10.0}}, {true});
+    online.add({{0, 30, I}, {5, 20, I}}, {true, true});  // 30 and 20 hang
+    const Index between = online.add({{30, 20, turn(0.8)}}).front();
+    CHECK(online.edge_weights()[between] == 0.0);
+    online.add({{0, 5, turn(0.8), 1e4}}, {true});
+    CHECK(online.edge_weights()[between] == 1.0);
+  }
+}

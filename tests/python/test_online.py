@@ -226,6 +226,18 @@ def test_all_closures_are_judged_at_once_where_the_first_ones_were_wrong() -> No
     assert len(found[False]) > 3, SEED
 
 
+def test_a_single_edge_and_odometry_by_name() -> None:
+    online = rotavg.Online(loss="tls", loss_scale=0.2)
+    online.add([(1, 2)], np.eye(3), 2.0, trusted="odometry")
+    assert online.edge_weights.tolist() == [2.0]
+    with pytest.raises(rotavg.GraphError, match="trusted is 'odo'; expected \"odometry\" or"):
+        online.add([(2, 3)], np.eye(3), trusted="odo")
+    names = rotavg.Online(loss="tls", loss_scale=0.2)
+    with pytest.raises(rotavg.GraphError, match="the nodes have names"):
+        names.add([("a", "b")], np.eye(3), trusted="odometry")
+    assert names.num_nodes == 0
+
+
 def test_an_online_graph_is_not_copied_and_its_solution_is() -> None:
     online = rotavg.Online()
     online.add([(0, 1), (1, 2)], np.broadcast_to(np.eye(3), (2, 3, 3)))

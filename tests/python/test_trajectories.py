@@ -39,6 +39,29 @@ def test_odometry_by_name() -> None:
         rotavg.solve(graph, loss="tls", trusted="odo")
     with pytest.raises(rotavg.OptionError, match="trusted is for a robust loss"):
         rotavg.solve(graph, trusted="odometry")
+    spread = rotavg.MeasurementGraph(5 * graph.edges, graph.rotations)
+    with pytest.raises(rotavg.GraphError, match="no edge joins consecutive numbers; name the"):
+        rotavg.solve(spread, loss="tls", trusted="odometry")
     names = rotavg.MeasurementGraph([[str(i), str(j)] for i, j in graph.edges], graph.rotations)
     with pytest.raises(rotavg.GraphError, match="the nodes have names"):
         rotavg.solve(names, loss="tls", trusted="odometry")
+
+
+def test_the_scale_that_is_told_is_that_of_the_median_weight() -> None:
+    graph = rotavg.simulate("sphere", n=60, noise=0.01, seed=3).graph
+    steps = graph.edges[:, 1] - graph.edges[:, 0] == 1
+    weighed = rotavg.MeasurementGraph(graph.edges, graph.rotations, np.where(steps, 100.0, 1.0))
+    of_closures = rotavg.solve(weighed, loss="tls", loss_scale=0.1, trusted="odometry")
+    even = (~steps).sum() > steps.sum()  # then theirs is the median weight
+    assert ("deg at the median weight" in str(of_closures)) != even
+    heavy = np.where(steps, 100.0, np.where(np.arange(len(steps)) % 3 == 0, 10.0, 1.0))
+    uneven = rotavg.MeasurementGraph(graph.edges, graph.rotations, heavy)
+    told = str(rotavg.solve(uneven, loss="tls", loss_scale=0.1, trusted="odometry"))
+    assert "deg at the median weight" in told
+
+
+def test_what_a_robust_loss_alone_has_a_use_for_is_refused() -> None:
+    graph = rotavg.simulate("sphere", n=10, noise=0.01, seed=3).graph
+    for settings in ({"loss_scale": 0.1}, {"weight_kind": "frequency"}):
+        with pytest.raises(rotavg.OptionError, match='is for a robust loss, and this is "l2"'):
+            rotavg.solve(graph, **settings)

@@ -23,6 +23,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 # The options of `rotavg solve` that it has a use for.
 KNOWN = {"input_path", "follow", "as_json", "unit_weights", "certificate_tolerance"}
 KNOWN |= {"tolerance", "loss", "loss_scale", "output", "output_format"}
+KNOWN |= {"trust_odometry"}  # as it is trusted by default here
 
 
 def follow_option(command: F) -> F:

@@ -71,8 +71,9 @@ def run_rotation_averaging(
     graph = _active(pose_graph, frames, images, bool(options.filter_unregistered))
     if graph is None:
         return False
-    for name, value in _of_loss(pycolmap, options).items():
-        solve_options.setdefault(name, value)
+    if "loss" not in solve_options:
+        for name, value in _of_loss(pycolmap, options).items():
+            solve_options.setdefault(name, value)
     if "init" not in solve_options and options.skip_initialization:
         solve_options["init"] = _current(reconstruction, frames, graph)
     gravity = _gravity(pycolmap, options, reconstruction, pose_priors)

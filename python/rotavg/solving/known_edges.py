@@ -97,10 +97,20 @@ def edge_mask(
 def odometry(graph: MeasurementGraph) -> NDArray[np.bool_]:
     """(m,) whether an edge joins nodes whose ids follow one another, as those of a trajectory do.
 
-    Raises GraphError if the ids are names.
+    Raises GraphError if there is none.
     """
     if graph.nodes.dtype.kind == "U":
         raise GraphError("the nodes have names, and so no edge joins consecutive numbers")
+    mask = is_step(graph)
+    if not mask.any():
+        raise GraphError(
+            "no edge joins consecutive numbers; name the edges of odometry (trusted=, --trusted)"
+        )
+    return mask
+
+
+def is_step(graph: MeasurementGraph) -> NDArray[np.bool_]:
+    """(m,) the same of ids that are numbers, if there are any."""
     ends = graph.edges
     low, high = np.min(ends, axis=1), np.max(ends, axis=1)
     return np.asarray(high - low == 1, dtype=np.bool_)

@@ -100,7 +100,8 @@ class Online:
         Args:
             edges: (m, 2) node ids: 64-bit integers or names (str), not mixed.
             rotations: (m, 3, 3), or (3, 3) of a single edge: i_from_j.
-            weights: (m,) 0 (not used, for now) or in [1e-100, 1e100]; by default 1.
+            weights: (m,), or a number of a single edge: 0 (not used, for now) or in
+                [1e-100, 1e100]; by default 1.
             nodes: ids that are to be there whether or not an edge has them, in this order and
                 before those of the edges.
             trusted: (m,) which edges a robust loss leaves alone; by default "odometry", those
@@ -125,6 +126,8 @@ class Online:
         conventions.check_family(convention)
         if convention == "vision":
             matrices = np.ascontiguousarray(np.swapaxes(matrices, 1, 2))
+        if m == 1 and weights is not None and np.ndim(weights) == 0:
+            weights = np.reshape(weights, 1)
         values = np.ones(m) if weights is None else as_floats(weights, (m,), "weights", copy=False)
         mask = self._trusted(ids, trusted)
         names_before = len(self._names)

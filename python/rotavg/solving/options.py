@@ -74,6 +74,13 @@ def loss(value: str) -> str:
     return word("loss", value)
 
 
+def of_loss(loss: str, name: str, value: _Value, otherwise: _Value) -> _Value:
+    """What a robust loss alone has a use for."""
+    if loss == "l2" and value != otherwise:
+        raise OptionError(f'{name} is for a robust loss, and this is "l2"')
+    return value
+
+
 def whole(name: str, value: int, low: int, high: int) -> int:
     """A whole number in [low, high]."""
     if not (isinstance(value, (int, np.integer)) and low <= value <= high):

@@ -26,7 +26,7 @@ def robust_rows(fit: RobustFit, num_parts_given: int) -> list[tuple[str, str]]:
     ]
     total = sum(count for count, _ in reasons)
     scales = fit.edge_scales[np.isfinite(fit.edge_scales)]
-    of_what = " at the median weight" if len(scales) and np.ptp(scales) > 0 else ""
+    of_what = " at the median weight" if (scales != 1.0).any() else ""
     how = ", ".join(f"{count} {reason}" for count, reason in reasons if count)
     about = "about" if fit.noise_shows else "at least"
     rows = [

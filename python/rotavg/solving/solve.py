@@ -204,10 +204,14 @@ def solve(
         ),
         "callback": heeded(options.function(callback)),
         "loss": options.loss(loss),
-        "loss_scale": options.angle("loss_scale", loss_scale, "auto"),
+        "loss_scale": options.of_loss(
+            loss, "loss_scale", options.angle("loss_scale", loss_scale, "auto"), 0.0
+        ),
         "cycle_threshold": options.angle("cycle_threshold", cycle_threshold, None),
         "min_cycles": options.whole("min_cycles", min_cycles, 1, 2**31 - 1),
-        "weight_kind": options.word("weight_kind", weight_kind),
+        "weight_kind": options.of_loss(
+            loss, "weight_kind", options.word("weight_kind", weight_kind), "auto"
+        ),
         "robust_priors": bool(robust_priors),
         **known_edges(graph, loss, trusted, excluded, edge_scales, initial_weights),
     }

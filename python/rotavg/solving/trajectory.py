@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.solving.known_edges import odometry
+from rotavg.solving.known_edges import is_step
 from rotavg.solving.solved import Solved
 
 _MOST = 0.9  # of the steps from one node to the next
@@ -15,7 +15,7 @@ def is_trajectory(graph: MeasurementGraph) -> bool:
     """Whether nearly every node is joined to that of the next number, as a robot's poses are."""
     if graph.nodes.dtype.kind == "U" or graph.num_nodes < 3:
         return False
-    steps = np.unique(np.sort(graph.edges[odometry(graph)], axis=1), axis=0)
+    steps = np.unique(np.sort(graph.edges[is_step(graph)], axis=1), axis=0)
     return len(steps) >= _MOST * (graph.num_nodes - 1)
 
 
@@ -24,7 +24,7 @@ def doubted_odometry(solution: Solved) -> str | None:
     graph, robust = solution.graph, solution.robust
     if robust is None or not solution.is_outlier.any() or not is_trajectory(graph):
         return None
-    steps = odometry(graph) & (robust.edge_verdicts != "excluded")
+    steps = is_step(graph) & (robust.edge_verdicts != "excluded")
     doubted = int((steps & solution.is_outlier).sum())
     if doubted == 0:
         return None

@@ -30,7 +30,7 @@ class OnlineEngine {
   explicit OnlineEngine(const OnlineOptions& options)
       : options_(options),
         certificate_tolerance_(std::max(options.certificate_tolerance, options.tolerance)),
-        optimum_(tended_, options.tolerance, certificate_tolerance_),
+        optimum_(tended_, options.tolerance, certificate_tolerance_, moving_tolerance(options)),
         weights_(tended_, {options.loss, options.loss_scale}),
         second_opinion_(tended_, {options.loss, options.loss_scale}) {
     const auto require = [](bool holds, const char* what) {
@@ -130,6 +130,12 @@ class OnlineEngine {
   }
 
  private:
+  /// A robust loss judges residuals: where they move at all, they move to their end.
+  static double moving_tolerance(const OnlineOptions& options) {
+    constexpr double strict = 1e-8;
+    return options.loss == Loss::l2 ? options.tolerance : std::min(options.tolerance, strict);
+  }
+
   Index node_of(NodeId id) {
     const Index row = graph().find(id);
     return row >= 0 ? row : tended_.add_node(id);
@@ -156,12 +162,29 @@ class OnlineEngine {
     }
     if (closings.empty()) return;
     if (has_moved) optimum_.settle(/*may_wait=*/false);
-    std::vector<double> parts;
-    for (const Index k : closings) parts.push_back(weights_.foretold_part(k, optimum_));
-    for (std::size_t p = 0; p < closings.size(); ++p) {
-      const Index k = closings[p];
-      weights_.use_weight(k, parts[p] * graph().edge(k).given);
-      weights_.num_outliers += weights_.is_outlier(k);
+    for (const Index k : closings) weights_.num_outliers += weights_.is_outlier(k);
+    close(std::move(closings));
+  }
+
+  /// Edges that close cycles, as far as the loss foretells that they can be used. Where some are
+  /// and others are not, these are looked at again.
+  void close(std::vector<Index> edges) {
+    constexpr int most = 10;
+    for (int k = 0; k < most && !edges.empty(); ++k) {
+      if (k > 0) optimum_.settle(/*may_wait=*/false);
+      std::vector<std::pair<Index, double>> used;
+      std::vector<Index> left_out;
+      for (const Index e : edges) {
+        const double part = weights_.foretold_part(e, optimum_);
+        if (part > 0.0) {
+          used.emplace_back(e, part);
+        } else {
+          left_out.push_back(e);
+        }
+      }
+      weights_.use_parts(used);
+      if (used.empty()) return;
+      edges = std::move(left_out);
     }
   }
 
@@ -202,11 +225,17 @@ class OnlineEngine {
     count();
   }
 
+  /// What is proved is found out where weights no longer change; if that moves nodes (by solve()),
+  /// they may change once more.
   void reweight(std::vector<Index> changed) {
-    constexpr int most = 30;
+    constexpr int most = 30, most_proofs = 3;
     std::unordered_set<Index> dropped, pardoned;
-    for (int k = 0; k < most && weights_(optimum_.turned(), changed, dropped, pardoned); ++k) {
-      optimum_.settle(/*may_wait=*/false);
+    for (int proofs = 0; proofs < most_proofs; ++proofs) {
+      for (int k = 0; k < most && weights_(optimum_.turned(), changed, dropped, pardoned); ++k) {
+        optimum_.move_on();
+      }
+      optimum_.certify();
+      if (optimum_.turned().empty()) break;
     }
   }
 

@@ -45,11 +45,14 @@ class OnlineOptimum {
  public:
   /// @param tended must outlive this object
   /// @param tolerance, certificate_tolerance OnlineOptions
-  OnlineOptimum(TendedCore& tended, double tolerance, double certificate_tolerance)
+  /// @param moving_tolerance where something moves, how near to the optimum it goes
+  OnlineOptimum(TendedCore& tended, double tolerance, double certificate_tolerance,
+                double moving_tolerance)
       : tended_(tended),
         follower_(tended),
         tolerance_(tolerance),
-        certificate_tolerance_(certificate_tolerance) {}
+        certificate_tolerance_(certificate_tolerance),
+        moving_tolerance_(moving_tolerance) {}
 
   StepCounts& counts() { return follower_.counts; }
   /// Nodes that moved since this was cleared, perhaps several times.
@@ -80,11 +83,22 @@ class OnlineOptimum {
       if (component.is_touched) sum_if_drifted(component);
     }
     if (may_wait && !tended_.touched.empty() && wait()) return;
-    if (!tended_.touched.empty()) {
-      follower_.take_in();
-      converge();
-      follower_.look_back();
+    move();
+    certify();
+  }
+
+  /// The same, for as long as weights still change: what is proved has to be found out by
+  /// certify().
+  void move_on() {
+    move();
+    for (OnlineComponent& component : tended_.components) {
+      const bool is_lost = component.is_touched && !component.has_converged;
+      if (component.ground >= 0 && is_lost) certify(component);
     }
+  }
+
+  /// What is proved of all that was touched.
+  void certify() {
     for (std::size_t c = 0; c < tended_.components.size(); ++c) {
       OnlineComponent& component = tended_.components[c];
       if (component.ground < 0 || !std::exchange(component.is_touched, false)) continue;
@@ -93,6 +107,13 @@ class OnlineOptimum {
   }
 
  private:
+  void move() {
+    if (tended_.touched.empty()) return;
+    follower_.take_in();
+    converge();
+    follower_.look_back();
+  }
+
   /// Puts off what has come, if at the rotations of now the lower bound of earlier steps alone says
   /// enough; the gaps are then by that.
   bool wait() {
@@ -116,6 +137,9 @@ class OnlineOptimum {
   double enough(const OnlineComponent& component) const {
     return tolerance_ * component.objective + rounding(component);
   }
+  double enough_in_motion(const OnlineComponent& component) const {
+    return moving_tolerance_ * component.objective + rounding(component);
+  }
 
   /// What one more step would gain is |y|^2 of the gradient alone, and what all would, where gains
   /// fall by a factor of rho, about |y|^2 / (1 - sqrt(rho)). Slow directions show in the gradient
@@ -129,7 +153,7 @@ class OnlineOptimum {
     }
     // Of the residuals. Where these are large the Hessian can be much softer than S.
     constexpr double negligible = 1e-4, large_noise = 0.1;
-    const double strict = 1e-3 * std::sqrt(tolerance_);
+    const double strict = 1e-3 * std::sqrt(moving_tolerance_);
     const double gradient = noise < large_noise ? 1.0 : std::max(strict * noise, 1e-13);
     double left = 0.0;
     const bool converged = follower_.converge(negligible * noise, [&](double largest_gradient) {
@@ -153,7 +177,7 @@ class OnlineOptimum {
   bool is_near(const OnlineComponent& component) const {
     if (!component.is_touched) return true;
     const double rho = component.gained > 0.0 ? component.to_gain / component.gained : 0.0;
-    return component.to_gain <= enough(component) * (1.0 - std::sqrt(std::min(rho, 1.0)));
+    return component.to_gain <= enough_in_motion(component) * (1.0 - std::sqrt(std::min(rho, 1.0)));
   }
 
   bool has_factor(const OnlineComponent& component) const {
@@ -271,6 +295,7 @@ class OnlineOptimum {
     if (gain > 0.0 || proved) {
       const std::vector<Index> core_nodes = of_core.place(tended_, solution.rotations);
       sum_objective(component, tended_.graph());
+      turned().insert(turned().end(), core_nodes.begin(), core_nodes.end());
       follower_.refresh(core_nodes);
       if (!proved) converge_again(component);
       component.has_converged = true;
@@ -295,7 +320,7 @@ class OnlineOptimum {
 
   TendedCore& tended_;
   Follower follower_;
-  double tolerance_, certificate_tolerance_;
+  double tolerance_, certificate_tolerance_, moving_tolerance_;
 };
 
 }  // namespace rotavg

@@ -131,7 +131,7 @@ class OnlineWeights {
     use_parts(parts);
   }
 
- private:
+  /// Other weights, as parts of those that were given.
   void use_parts(const std::vector<std::pair<Index, double>>& parts) {
     for (const auto& [k, part] : parts) {
       const bool was_outlier = is_outlier(k);
@@ -141,9 +141,13 @@ class OnlineWeights {
     }
   }
 
+ private:
+  /// The edges at these nodes, and at what hangs from them.
   void append_edges_at(const std::vector<Index>& nodes, std::vector<Index>& edges) const {
     for (const Index i : nodes) {
-      for (const GrowingGraph::End& end : tended_.graph().ends(i)) edges.push_back(end.edge);
+      for (const Index l : hanging_tree(tended_.core, i)) {
+        for (const GrowingGraph::End& end : tended_.graph().ends(l)) edges.push_back(end.edge);
+      }
     }
   }
   /// Whether the loss has a say: an edge that nothing checks is left alone.

@@ -40,12 +40,13 @@ class SecondOpinion {
 
   /// Whether to ask. It takes as long as all edges do, so since it was asked more have to have been
   /// left out, by a tenth where some of them agree, by a third where they do not; and unless edges
-  /// are few, one in a hundred has to be new.
+  /// are few, or the first ones that were left out agree, one in a hundred has to be new.
   bool is_due() const {
-    constexpr Index few = 200;
+    constexpr Index few = 200, first = 10;
     const Index edges = tended_.graph().num_edges();
+    const bool is_soon = edges <= few || (agree_ && num_outliers_ <= first);
     return num_outliers_ > asked_outliers_ + asked_outliers_ / (agree_ ? 10 : 3) &&
-           (edges <= few || edges >= asked_edges_ + asked_edges_ / 100);
+           (is_soon || edges >= asked_edges_ + asked_edges_ / 100);
   }
 
   /// After it was asked.

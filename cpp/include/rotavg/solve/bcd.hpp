@@ -78,7 +78,7 @@ double bcd_sweep(const Rows& rows, const Coloring& coloring, Quaternions& q, con
 /// Block coordinate descent (Algorithm 2). With all other rotations fixed, the objective (8) is
 /// linear in R_l, -tr(R Rt R^T) = 2 tr(A_l R_l) + const (10), (11), and LOSO minimises it. One
 /// iteration is a sweep over all nodes. The objective falls with every block, and every limit point
-/// is stationary.
+/// is stationary where the blocks' minima are unique.
 ///
 /// Each A_l uses the newest values, including those of the running sweep. (The paper's listing
 /// names R^(t-1) for all k, which would be Jacobi's method and need not descend.) A sweep is
