@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import pytest
 
 import rotavg
 from rotavg.graph.conventions import matrices_from_rotvecs
+
+SEED = int(os.environ.get("ROTAVG_TEST_SEED", "20210712"))
 
 
 def test_odometry_that_is_called_an_outlier_is_told() -> None:
@@ -65,3 +69,57 @@ def test_what_a_robust_loss_alone_has_a_use_for_is_refused() -> None:
     for settings in ({"loss_scale": 0.1}, {"weight_kind": "frequency"}):
         with pytest.raises(rotavg.OptionError, match='is for a robust loss, and this is "l2"'):
             rotavg.solve(graph, **settings)
+
+
+def aliased(
+    rng: np.random.Generator, said: float
+) -> tuple[rotavg.MeasurementGraph, np.ndarray, np.ndarray]:
+    """A walk among blocks, some closures of which lead to another corner: truth, which are wrong.
+
+    `said` is by how much the information is more than the noise's.
+    """
+    n, right, wrong = 800, 110, 30
+    steps = np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])
+    heading, place, walk = 0, np.zeros(2), []
+    for k in range(n):
+        walk.append(place)
+        if k % 4 == 3:
+            heading += int(rng.integers(-1, 2))
+        while np.abs(place + steps[heading % 4]).max() > 8:
+            heading += 1
+        place = place + steps[heading % 4]
+    p = np.column_stack([walk, np.zeros(n)])
+    near = [(i, j) for j in range(n) for i in range(j - 30) if np.linalg.norm(p[i] - p[j]) < 1.2]
+    ends = [(k, k + 1) for k in range(n - 1)]
+    ends += [near[k] for k in rng.permutation(len(near))[:right]]
+    ends += [tuple(sorted(rng.choice(n, 2, replace=False))) for _ in range(wrong)]
+    edges = np.array(ends)
+    is_wrong = np.arange(len(edges)) >= len(edges) - wrong
+    sigma = np.where(np.arange(len(edges)) < n - 1, 0.02, 0.05)
+    vectors = p[edges[:, 1]] - p[edges[:, 0]]
+    vectors[is_wrong] = rng.normal(size=(wrong, 3)) * (0.7, 0.7, 0.0)
+    vectors += sigma[:, None] * rng.normal(size=(len(edges), 3))
+    turns = matrices_from_rotvecs(0.2 * sigma[:, None] * rng.normal(size=(len(edges), 3)))
+    information = said / sigma[:, None, None] ** 2 * np.eye(3)
+    graph = rotavg.MeasurementGraph(
+        edges,
+        turns,
+        12.5 * said / sigma**2,
+        translations=rotavg.RelativeTranslations(vectors, information),
+    )
+    return graph, p, is_wrong
+
+
+@pytest.mark.parametrize("said", [1.0, 1e4])
+def test_wrong_translations_of_closures_are_found(said: float) -> None:
+    """They bend all until the bend looks like noise: the information, if it is right, tells."""
+    rng = np.random.default_rng(SEED)
+    graph, p, is_wrong = aliased(rng, said)
+    poses = rotavg.refine_poses(rotavg.solve(graph), loss="tls")
+    errors = np.linalg.norm(poses.positions - p, axis=1)
+    found = (poses.is_outlier & is_wrong).sum(), (poses.is_outlier & ~is_wrong).sum()
+    print(said, found, np.median(errors), poses)
+    assert found[1] <= 3, SEED
+    if said == 1.0:
+        assert found[0] >= is_wrong.sum() - 2, SEED
+        assert np.median(errors) < 0.3, SEED

@@ -26,6 +26,7 @@ class ChiNoise:
 
     Attributes:
         num_series: series of edges that cycles check.
+        num_cycles: how many cycles there are, none of them the sum of others.
         rounding: of chi: what is below is no noise.
     """
 
@@ -38,6 +39,7 @@ class ChiNoise:
         self.rounding = _ROUNDING * float(np.sqrt((traces * squares).max(initial=0.0)))
         self._series, cycles = _core.series(graph._core)
         self.num_series = int(self._series.max(initial=-1)) + 1
+        self.num_cycles = int(cycles)
         checked = self._series >= 0
         self._left = np.full(graph.num_edges, np.sqrt(cycles / max(1, checked.sum())))
         if cycles > 0 and graph.num_edges <= _MANY_EDGES:

@@ -41,6 +41,11 @@ def check_pose_loss(loss: str, scale: float | str) -> float | None:
     return found
 
 
+def scale_of(loss: str, noise: float) -> float:
+    """The scale of a robust loss where that is the noise, in units of chi."""
+    return _TIMES[loss] * noise
+
+
 def shares(loss: str, chi: Floats, scale: float) -> Floats:
     """(m,) what the loss leaves of the information of edges, from 1 to LEAST_SHARE.
 
@@ -88,7 +93,7 @@ def reweighted(
     for _ in range(_MAX_ROUNDS):
         if not last:
             before = wanted if graduate else 0.0
-            wanted = max(least, _TIMES[loss] * noise_of(chi) if scale is None else scale)
+            wanted = max(least, scale_of(loss, noise_of(chi)) if scale is None else scale)
             stage = min(stage, max(wanted, stage / 2 if graduate else 0.0))
             # Once it falls little: that of fits to fewer and fewer edges would fall for ever.
             last = stage <= wanted and wanted >= _FALLS_LITTLE * before

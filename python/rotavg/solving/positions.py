@@ -15,8 +15,16 @@ from rotavg.graph.conventions import first_no_rotation
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import why_row_is_no_rotation
 from rotavg.solving.chi_noise import ChiNoise
-from rotavg.solving.pose_losses import LEAST_SHARE, PoseLoss, check_pose_loss, reweighted
+from rotavg.solving.pose_losses import (
+    LEAST_SHARE,
+    PoseLoss,
+    check_pose_loss,
+    reweighted,
+    scale_of,
+)
 from rotavg.solving.translation_fit import translation_residuals
+
+_DIVISORS = (4.0, 16.0, 64.0, 256.0)  # of the scale
 
 
 def positions(
@@ -90,15 +98,31 @@ def positions(
     noise = ChiNoise(graph)
     if scale is None and noise.num_series == 0:  # nothing checks any edge
         return solved(everything)
-    left, _, _ = reweighted(
-        chi_with,
-        (everything, chi_with(everything)),
-        loss,
-        scale,
-        lambda chi: noise(chi, measured.dimension),
-        rounding=noise.rounding,
-        graduate=loss != "huber",
-    )
+
+    def noise_of(chi: NDArray[np.float64]) -> float:
+        return noise(chi, measured.dimension)
+
+    def weighed(scale: float | None) -> tuple[NDArray[np.float64], float]:
+        left, used, _ = reweighted(
+            chi_with,
+            (everything, chi_with(everything)),
+            loss,
+            scale,
+            noise_of,
+            rounding=noise.rounding,
+            graduate=loss != "huber",
+        )
+        return left, used
+
+    left, used = weighed(scale)
+    if scale is None and loss != "huber":
+        # Wrong edges may have bent everything until that looked like noise: a far smaller scale is
+        # right if what it leaves shows no more than its noise, and most cycles stay.
+        for divisor in _DIVISORS:
+            other, _ = weighed(used / divisor)
+            shown = scale_of(loss, noise_of(chi_with(other)))
+            if shown <= used / divisor and 2 * (other < 0.5).sum() <= noise.num_cycles:
+                left, _ = weighed(shown)
     return solved(left)
 
 
