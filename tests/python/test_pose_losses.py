@@ -107,6 +107,18 @@ def test_a_robust_loss_of_the_rotations_does_no_harm_to_that_of_the_poses() -> N
     assert np.median(distances(plain.positions, robust.positions)) < 0.05
 
 
+def test_a_fifth_of_the_closures_may_be_wrong(garage: Any) -> None:
+    clean, _, _ = garage
+    rng = np.random.default_rng(1)
+    closures = np.flatnonzero(np.abs(np.diff(clean.indices, axis=1)[:, 0]) > 1)
+    rows = rng.choice(closures, 1000, replace=False)
+    wrong = contaminated(clean, rows, 30 * rng.normal(size=(1000, 3)))
+    poses = rotavg.refine_poses(rotavg.solve(wrong), loss="tls")
+    is_wrong = np.isin(np.arange(clean.num_edges), rows)
+    assert poses.is_outlier[is_wrong].all()
+    assert poses.is_outlier[~is_wrong].sum() < 60
+
+
 def test_gtsam_ends_at_the_same_poses_without_the_outliers(garage: Any) -> None:
     """From the clean optimum, Levenberg-Marquardt of GTSAM on the edges that were kept."""
     gtsam = pytest.importorskip("gtsam", reason="gtsam is not installed: pip install rotavg[gtsam]")
