@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import cached_property
 from typing import Any
 
@@ -190,11 +191,13 @@ class MeasurementGraph:
     ) -> MeasurementGraph:
         """Graph from relative rotations as rotation vectors (m, 3): axis times angle in radians.
 
-        With `degrees` the angle is in degrees. Where some are longer than a full turn, `notes` asks
-        whether they are. All else, and the errors, are as in the constructor.
+        With `degrees` the angle is in degrees. Where some are longer than a full turn, `notes` and
+        a UserWarning ask whether they are. All else, and the errors, are as in the constructor.
         """
         ids = as_edges(edges)
         given, asked = given_rotvecs(ids, rotvecs, degrees=degrees)
+        for question in asked:
+            warnings.warn(question, UserWarning, stacklevel=2)
         return cls(
             ids,
             given,
