@@ -191,13 +191,14 @@ class MeasurementGraph:
     ) -> MeasurementGraph:
         """Graph from relative rotations as rotation vectors (m, 3): axis times angle in radians.
 
-        With `degrees` the angle is in degrees. Where some are longer than a full turn, `notes` and
-        a UserWarning ask whether they are. All else, and the errors, are as in the constructor.
+        With `degrees` the angle is in degrees. Where some are longer than a full turn, `notes` asks
+        whether they are, and a UserWarning, too, where most are. All else, and the errors, are as
+        in the constructor.
         """
         ids = as_edges(edges)
         given, asked = given_rotvecs(ids, rotvecs, degrees=degrees)
-        for question in asked:
-            warnings.warn(question, UserWarning, stacklevel=2)
+        if asked and np.median(np.linalg.norm(np.asarray(rotvecs), axis=1)) > 2 * np.pi:
+            warnings.warn(asked[0], UserWarning, stacklevel=2)
         return cls(
             ids,
             given,
