@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rotavg
+from benchmarks.online import cells_of_times
 from benchmarks.wrong_closures import Case, Floats, with_groups, with_random
 
 
@@ -48,6 +49,8 @@ class _Stream:
 
 @dataclass
 class _Row:
+    """Of a table: seconds of the steps, errors at the checks, and what was misjudged at the end."""
+
     name: str
     seconds: list[float] = field(default_factory=list)
     errors: list[float] = field(default_factory=list)
@@ -55,12 +58,9 @@ class _Row:
     accused: int = 0
 
     def __str__(self) -> str:
-        ms = 1e3 * np.array(self.seconds)
-        times = [ms.mean(), np.median(ms), np.percentile(ms, 99), ms.max()]
-        told = " | ".join(f"{x:.3g}" for x in times)
         return (
-            f"| {self.name} | {told} | {self.errors[-1]:.3g} | {max(self.errors):.3g} "
-            f"| {self.missed} | {self.accused} |"
+            f"| {self.name} | {cells_of_times(self.seconds)} | {self.errors[-1]:.3g} "
+            f"| {max(self.errors):.3g} | {self.missed} | {self.accused} |"
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -129,7 +130,10 @@ def quaternions_of(rotations: object) -> NDArray[np.float64]:
 def given_rotvecs(
     edges: IdArray, rotvecs: ArrayLike, *, degrees: bool
 ) -> tuple[Quaternions, tuple[str, ...]]:
-    """Rotation vectors (m, 3), and what to ask about their unit; GraphError for NaN, infinity."""
+    """Rotation vectors (m, 3), and what to ask about their unit; GraphError for NaN, infinity.
+
+    A UserWarning asks, too, where most are longer than a turn.
+    """
     given = as_floats(rotvecs, (len(edges), 3), "rotvecs", copy=False)
     finite = np.isfinite(given).all(axis=1)
     if not finite.all():
@@ -137,6 +141,8 @@ def given_rotvecs(
         reason = f"the rotation vector is {given[k].tolist()}, expected finite numbers"
         raise edge_error(edges, k, reason)
     asked = () if degrees else note_of_degrees(edges, given)
+    if asked and np.median(np.linalg.norm(given, axis=1)) > 2 * np.pi:
+        warnings.warn(asked[0], UserWarning, stacklevel=3)  # where the graph is made
     radians = np.radians(given) if degrees else given
     return Quaternions(conventions.quaternions_from_rotvecs(radians)), asked
 

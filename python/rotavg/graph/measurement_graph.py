@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from functools import cached_property
 from typing import Any
 
@@ -197,8 +196,6 @@ class MeasurementGraph:
         """
         ids = as_edges(edges)
         given, asked = given_rotvecs(ids, rotvecs, degrees=degrees)
-        if asked and np.median(np.linalg.norm(np.asarray(rotvecs), axis=1)) > 2 * np.pi:
-            warnings.warn(asked[0], UserWarning, stacklevel=2)
         return cls(
             ids,
             given,

@@ -102,10 +102,12 @@ def positions(
     def noise_of(chi: NDArray[np.float64]) -> float:
         return noise(chi, measured.dimension)
 
+    start = (everything, chi_with(everything))
+
     def weighed(scale: float | None) -> tuple[NDArray[np.float64], float]:
         left, used, _ = reweighted(
             chi_with,
-            (everything, chi_with(everything)),
+            start,
             loss,
             scale,
             noise_of,
