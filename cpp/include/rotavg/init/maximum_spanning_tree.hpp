@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <functional>
 #include <limits>
 #include <queue>
@@ -15,33 +16,35 @@
 
 namespace rotavg {
 
-/// Products of the measurements along the spanning tree whose edges have the largest keys, R = I at
-/// the first node of every component. Exact without noise.
+/// The edges of the spanning tree, of every component, whose edges have the largest keys, in the
+/// order in which it takes them from the component's first node.
 ///
 /// Prim's algorithm: the tree takes the edge with the largest key of those that leave it; among
 /// equals the one that leaves it nearest to the root, then the first. Where all keys are equal,
 /// this is a tree of shortest paths.
 ///
 /// @param key (m,) how good the edges are, no NaN
-/// @param keep_going asked every few milliseconds; false stops, and the rest stays at I
-inline Rotations along_spanning_tree(const MeasurementGraph& graph, const std::vector<double>& key,
-                                     const std::function<bool()>& keep_going = {}) {
+/// @param keep_going asked every few milliseconds; false stops, and the rest is missing
+inline std::vector<Index> maximum_spanning_forest(const MeasurementGraph& graph,
+                                                  const std::vector<double>& key,
+                                                  const std::function<bool()>& keep_going = {}) {
   constexpr Index nodes_between_questions = 1024;
-  Rotations R(static_cast<std::size_t>(graph.num_nodes()), Matrix3::Identity());
-  std::vector<Index> depth(R.size(), -1);
+  const auto n = static_cast<std::size_t>(graph.num_nodes());
+  std::vector<Index> forest, depth(n, -1);
+  forest.reserve(n);
   // The key, and then, as the largest comes first, minus the depth and minus the edge.
   using Candidate = std::tuple<double, Index, Index>;
   std::priority_queue<Candidate> leaving;
   // Of the edges by which a node can be reached only better ones than before need to wait.
   const Candidate none(-std::numeric_limits<double>::infinity(), std::numeric_limits<Index>::min(),
                        0);
-  std::vector<Candidate> best(R.size(), none);
+  std::vector<Candidate> best(n, none);
   Index reached = 0;
   for (Index root = 0; root < graph.num_nodes(); ++root) {
     if (depth[root] >= 0) continue;
     depth[root] = 0;
     for (Index newest = root; newest >= 0;) {
-      if (++reached % nodes_between_questions == 0 && keep_going && !keep_going()) return R;
+      if (++reached % nodes_between_questions == 0 && keep_going && !keep_going()) return forest;
       for (const HalfEdge& h : graph.row(newest)) {
         if (depth[h.node] >= 0) continue;
         const Candidate candidate(key[h.edge()], -depth[newest], -h.edge());
@@ -51,17 +54,39 @@ inline Rotations along_spanning_tree(const MeasurementGraph& graph, const std::v
       }
       newest = -1;
       while (newest < 0 && !leaving.empty()) {
-        const Edge& e = graph.edges()[-std::get<2>(leaving.top())];
+        const Index k = -std::get<2>(leaving.top());
         leaving.pop();
+        const Edge& e = graph.edges()[k];
         if (depth[e.i] >= 0 && depth[e.j] >= 0) continue;
         newest = depth[e.i] < 0 ? e.i : e.j;
-        const Index parent = depth[e.i] < 0 ? e.j : e.i;
-        depth[newest] = depth[parent] + 1;
-        R[newest] = along_edge(e, R[parent], newest);
+        depth[newest] = depth[depth[e.i] < 0 ? e.j : e.i] + 1;
+        forest.push_back(k);
       }
     }
   }
+  return forest;
+}
+
+/// Products of the measurements along a spanning forest, R = I at the first node of every
+/// component, and where it does not reach. Exact without noise.
+/// @param forest as of maximum_spanning_forest
+inline Rotations along_forest(const MeasurementGraph& graph, const std::vector<Index>& forest) {
+  Rotations R(static_cast<std::size_t>(graph.num_nodes()), Matrix3::Identity());
+  std::vector<bool> reached(R.size(), false);
+  for (const Index k : forest) {
+    const Edge& e = graph.edges()[k];
+    if (!reached[e.i] && !reached[e.j]) reached[std::min(e.i, e.j)] = true;  // a root
+    const Index newest = reached[e.i] ? e.j : e.i;
+    R[newest] = along_edge(e, R[reached[e.i] ? e.i : e.j], newest);
+    reached[newest] = true;
+  }
   return R;
+}
+
+/// The same along maximum_spanning_forest().
+inline Rotations along_spanning_tree(const MeasurementGraph& graph, const std::vector<double>& key,
+                                     const std::function<bool()>& keep_going = {}) {
+  return along_forest(graph, maximum_spanning_forest(graph, key, keep_going));
 }
 
 /// The maximum-spanning-tree start: along the tree with the largest weights. Where weights are

@@ -8,6 +8,7 @@
 #include <rotavg/graph/checked_part.hpp>
 #include <rotavg/init/maximum_spanning_tree.hpp>
 #include <rotavg/robust/consensus.hpp>
+#include <rotavg/robust/growing.hpp>
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/run.hpp>
 #include <rotavg/robust/scale.hpp>
@@ -51,8 +52,9 @@ struct Approach {
   Consensus consensus;
   int l1_reweightings = 0;
   bool from_chordal = false, from_tree = false;
-  double prepared = 0.0;  ///< seconds of the run, before the loss
-  std::string manner;     ///< how l1 was judged, in words, where that is not as usual
+  bool was_grown = false;  ///< grown_from_tree() was one of the starts
+  double prepared = 0.0;   ///< seconds of the run, before the loss
+  std::string manner;      ///< how l1 was judged, in words, where that is not as usual
 };
 
 inline Approach approach(RobustRun& run, const CheckedPart& part, const Rotations& start,
@@ -102,17 +104,19 @@ inline bool is_chain(const MeasurementGraph& graph, Index num_cycles) {
 /// The approach that ends with the least objective, at the smallest of the scales: l1 gives every
 /// edge one voice, since a precision may be wrong, but for trusted edges. These it takes at their
 /// word, which holds a chain so stiffly that right closures may seem wrong; so it is tried without
-/// trust, too, and, where there is trust or a chain, with the precisions as they are.
+/// trust, too, and, where there is trust or a chain, with the precisions as they are. There, and
+/// where edges are few and many contradict, edges that bear one another out are a start as well.
 inline Approach best_approach(RobustRun& run, const CheckedPart& part, const Rotations& start,
                               const RobustLoss& asked, const ApproachOptions& rules) {
+  const MeasurementGraph& graph = part.graph();
   Approach best = approach(run, part, start, asked, rules, Judging::evenly);
   if (rules.knows_weights || rules.continues || asked.kind == Loss::l2 || run.trusts_all()) {
     return best;
   }
   const auto try_with = [&](const Rotations& R, bool from_tree, Judging judging,
-                            const char* manner) {
+                            const ApproachOptions& by, const char* manner) {
     if (run.ended() != Status::not_run) return;
-    Approach other = approach(run, part, R, asked, rules, judging);
+    Approach other = approach(run, part, R, asked, by, judging);
     other.from_tree = from_tree && !other.from_chordal;
     RobustLoss loss = best.settled.loss;
     loss.scale = std::min(loss.scale, other.settled.loss.scale);
@@ -123,14 +127,28 @@ inline Approach best_approach(RobustRun& run, const CheckedPart& part, const Rot
     }
   };
   const bool trusts = run.trusts_any();
-  if (trusts) try_with(start, false, Judging::freely_and_evenly, " that trusted none");
-  const bool chain = is_chain(part.graph(), part.series().num_cycles);
+  if (trusts) {
+    try_with(start, false, Judging::freely_and_evenly, rules, " that trusted none");
+  }
+  const bool chain = is_chain(graph, part.series().num_cycles);
   if (run.has_own_units() && (trusts || chain)) {
     // Of a chain least squares are bent by wrong closures so far that l1 does not find back.
-    const Rotations R =
-        chain ? along_spanning_tree(part.graph(), run.given(), run.keep_going()) : start;
-    try_with(R, chain, Judging::freely_in_own_units,
+    const Rotations R = chain ? along_spanning_tree(graph, run.given(), run.keep_going()) : start;
+    try_with(R, chain, Judging::freely_in_own_units, rules,
              trusts ? " by precision that trusted none" : " by precision");
+  }
+  const auto is_doubtful = [&] {
+    return has_few_edges(graph) && many_contradict(run, best.settled.result.rotations);
+  };
+  if (trusts || (run.has_own_units() && (chain || is_doubtful()))) {
+    if (const auto grown = grown_from_tree(run, graph)) {
+      ApproachOptions near = rules;
+      near.continues = true;
+      near.starts_freely = false;
+      try_with(*grown, true, Judging::freely_in_own_units, near,
+               ", from edges that bear one another out,");
+      best.was_grown = true;
+    }
   }
   return best;
 }

@@ -51,6 +51,14 @@ class Neighbourhoods {
     });
   }
 
+  /// Whether there is anything to tell: more agreeing triangles than one for twenty edges, as on a
+  /// trajectory there are not.
+  bool tell() const {
+    constexpr double few = 0.05;
+    const double triangles = static_cast<double>(agreeing_.size()) * stride_ / (once_ ? 1.0 : 3.0);
+    return triangles > few * graph_->num_edges();
+  }
+
   /// How much (m,) the neighbourhoods of an edge's two ends overlap, 0 to 1: the weighted Jaccard
   /// index, where a common neighbour counts only if its triangle agrees,
   ///

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <utility>
 #include <vector>
@@ -22,16 +23,22 @@ namespace rotavg {
 
 namespace detail {
 
-/// Keys (m,) of a tree that takes edges first which an answer rejects, though the neighbourhoods of
-/// their ends overlap as if they were right; empty if these are few.
+/// From what overlap (m,) on edges are coherent: their neighbourhoods overlap as if they were
+/// right.
+inline double coherent_from(std::vector<double> overlap) {
+  constexpr double of_median = 0.2;
+  const auto middle = overlap.begin() + static_cast<std::ptrdiff_t>(overlap.size() / 2);
+  std::nth_element(overlap.begin(), middle, overlap.end());
+  return of_median * *middle;
+}
+
+/// Keys (m,) of a tree that takes edges first which an answer rejects, though they are coherent;
+/// empty if these are few.
 inline std::vector<double> rejected_and_coherent(const std::vector<double>& x,
                                                  const std::vector<double>& overlap) {
-  constexpr double many = 0.02, coherent = 0.2, first = 1e3;
+  constexpr double many = 0.02, first = 1e3;
+  const double least = coherent_from(overlap);
   std::vector<double> key = overlap;
-  const auto middle = key.begin() + static_cast<std::ptrdiff_t>(key.size() / 2);
-  std::nth_element(key.begin(), middle, key.end());
-  const double least = coherent * *middle;
-  key = overlap;
   std::size_t found = 0;
   for (std::size_t k = 0; k < x.size(); ++k) {
     if (x[k] <= contradiction || overlap[k] < least) continue;
@@ -40,6 +47,35 @@ inline std::vector<double> rejected_and_coherent(const std::vector<double>& x,
   }
   if (static_cast<double>(found) < many * static_cast<double>(x.size())) key.clear();
   return key;
+}
+
+/// Whether many of the coherent edges are rejected, and weigh hardly less than those that were
+/// kept: what only looks alike matches less than true neighbours do, and an answer that rejects
+/// what weighs as much may well be the folded one. Less by two thirds of a standard deviation, in
+/// logarithms, is hardly less; of answers that are right it is one to two.
+///
+/// @param relative (m,) relative_weights; empty where all weights are the same, which tell nothing
+inline bool weigh_hardly_less(const std::vector<double>& x, const std::vector<double>& overlap,
+                              const std::vector<double>& relative) {
+  constexpr double many = 0.1, hardly = 2.0 / 3.0;
+  const double least = coherent_from(overlap);
+  struct Moments {
+    double count = 0.0, sum = 0.0, squares = 0.0;
+    double mean() const { return sum / count; }
+    double variance() const { return squares / count - mean() * mean(); }
+  } kept, rejected;
+  for (std::size_t k = 0; k < relative.size(); ++k) {
+    if (overlap[k] < least) continue;
+    Moments& of = x[k] > contradiction ? rejected : kept;
+    const double log_weight = std::log(relative[k]);
+    of.count += 1.0;
+    of.sum += log_weight;
+    of.squares += log_weight * log_weight;
+  }
+  if (rejected.count == 0.0 || rejected.count < many * (kept.count + rejected.count)) return false;
+  if (kept.count == 0.0) return true;
+  const double deviation = std::sqrt(std::max(0.0, 0.5 * (kept.variance() + rejected.variance())));
+  return kept.mean() - rejected.mean() <= hardly * deviation;
 }
 
 /// The voices (m,) of edges where nodes vote: those of the strongest; who has none of them votes,
@@ -71,12 +107,15 @@ inline std::vector<double> times(std::vector<double> a, const std::vector<double
 /// 4. What the rejected edges would say, if many of them are coherent or some agree on a turn. Of
 ///    parts that a single edge holds the best answer takes the likely place (take_likely_turns),
 ///    also where 1. ends the search; other places are further answers (other_places).
-/// 5. What the evidence does not rule out is an alternative.
+/// 5. What the evidence does not rule out is an alternative; where many rejected edges are as
+///    coherent as those that were kept, and weigh hardly less, any other answer is.
 ///
 /// @param run that judges residuals in their own units
 /// @param loss_noises the scale of the loss in units of the noise
+/// @param R, noise what was found
+/// @param was_grown whether edges that bear one another out were a start (grown_from_tree)
 inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, double loss_noises,
-                              Rotations R, double noise) {
+                              Rotations R, double noise, bool was_grown) {
   using namespace detail;
   constexpr int most_rounds = 4, depth = 3, wider = 2 * most_strongest;
   StorySearch search(run, graph, loss_noises, std::move(R), noise);
@@ -107,6 +146,8 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
     return as_it_is();
   }
 
+  if (was_grown && !neighbourhoods.tell()) return as_it_is();
+
   // 2. and 3.
   const std::vector<double> ballots = ballots_of(evidence.voices());
   search.attempt_tree("the tree of the strongest edges", strength, ballots);
@@ -127,6 +168,20 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   if (search.doubtful()) {
     search.attempt("l1 of the strongest edges", run.agreed_by(skeleton(graph, evidence.voices())),
                    ballots);
+  }
+  const auto many_are_coherent = [&] {
+    return search.goes_on() && !rejected_and_coherent(search.best().x, overlap).empty();
+  };
+  if (uneven && many_are_coherent()) {
+    const std::vector<double> evenly =
+        neighbourhoods.overlap(std::vector<double>(overlap.size(), 1.0));
+    const std::vector<double> key = shared_strongest(graph, neighbourhoods, evenly);
+    const std::vector<double> ends = strongest(graph, key), others = ballots_of(ends);
+    search.attempt_tree("the tree of the edges strongest whatever they weigh", key, others);
+    if (many_are_coherent()) {
+      search.attempt("l1 of the edges strongest whatever they weigh",
+                     run.agreed_by(skeleton(graph, ends)), others);
+    }
   }
   if (search.doubtful()) {
     std::vector<double> deeper = overlap;
@@ -170,7 +225,8 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
   if (search.goes_on()) search.add_other_places();
 
   // 5.
-  return search.result();
+  const bool doubts_itself = weigh_hardly_less(search.best().x, overlap, relative);
+  return search.result(/*rules_out=*/!doubts_itself);
 }
 
 }  // namespace rotavg

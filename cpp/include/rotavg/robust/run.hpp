@@ -135,6 +135,7 @@ class RobustRun {
     return precision();
   }
 
+  bool trusts(Index k) const { return !trusting_.empty() && trusting_[k] == 0.0; }
   bool trusts_any() const { return !trusting_.empty(); }
   bool trusts_all() const {
     return trusts_any() &&
@@ -164,19 +165,45 @@ class RobustRun {
   }
 
   /// Least squares, roughly.
-  /// @param shares (m,) of the weights that edges have; empty: all 1
+  /// @param shares (m,) of the weights that edges have; empty: all 1. They are known to be good
+  ///        then, and the start is the tree that they choose, unless another was asked for
   Rotations least_squares(const std::vector<double>& shares, Initialization& init) {
     const std::vector<double> weights = graph_.weights();
+    SolveOptions l2 = rough();
     if (!shares.empty()) {
       std::vector<double> less = weights;
       for (std::size_t k = 0; k < shares.size(); ++k) {
         less[k] = std::max(min_weight, less[k] * std::max(least_weight_share, shares[k]));
       }
       graph_.set_weights(less);
+      if (options_.init == Initialization::automatic) {
+        l2.init = Initialization::maximum_spanning_tree;
+      }
     }
-    Solution solution = solve(graph_, rough());
+    Solution solution = solve(graph_, l2);
     if (!shares.empty()) graph_.set_weights(weights);
     init = solution.init;
+    took(solution);
+    return std::move(solution.rotations);
+  }
+
+  /// Some of the edges (m,) alone, with their given weights, between all nodes.
+  MeasurementGraph part_of(const std::vector<bool>& chosen) const {
+    std::vector<Index> edges;
+    for (Index k = 0; k < graph_.num_edges(); ++k) {
+      if (chosen[k]) edges.push_back(k);
+    }
+    const auto measurement = [&](std::size_t k) -> RelativeQuaternion {
+      const Edge e = graph_.edges()[edges[k]];
+      return {graph_.nodes()[e.i], graph_.nodes()[e.j], e.quaternion, given_[edges[k]]};
+    };
+    return {edges.size(), measurement, graph_.nodes()};
+  }
+  /// Least squares of part_of(), from a start near by.
+  Rotations least_squares_of(const MeasurementGraph& part, Rotations start) {
+    SolveOptions l2 = rough();
+    l2.init = options_.init;
+    Solution solution = solve(part, l2, std::move(start));
     took(solution);
     return std::move(solution.rotations);
   }

@@ -190,7 +190,8 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   Portfolio portfolio;
   if (compares && go_on()) {
     const double loss_noises = default_scale(loss.kind, freedom);
-    portfolio = find_stories(run, part.graph(), loss_noises, reweighted.rotations, noise);
+    portfolio = find_stories(run, part.graph(), loss_noises, reweighted.rotations, noise,
+                             approach.was_grown);
     if (portfolio.replaced) {
       noise = portfolio.best.noise;
       if (robust.scale == 0.0) loss.scale = loss_noises * noise;

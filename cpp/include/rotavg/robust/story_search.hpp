@@ -139,13 +139,14 @@ class StorySearch {
   }
 
   /// What was found; this object is used up.
-  Portfolio result() {
+  /// @param rules_out whether the evidence may rule out other answers
+  Portfolio result(bool rules_out = true) {
     Portfolio found;
     std::swap(stories_[0], stories_[best_]);
     for (std::size_t k = 1; k < stories_.size(); ++k) {
       if (!differ(stories_[0], stories_[k])) continue;
       ++found.different;
-      if (evidence_->rules_out_other(stories_[0].x, stories_[k].x)) continue;
+      if (rules_out && evidence_->rules_out_other(stories_[0].x, stories_[k].x)) continue;
       found.alternatives.push_back(std::move(stories_[k]));
     }
     found.best = std::move(stories_[0]);

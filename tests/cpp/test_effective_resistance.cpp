@@ -1,0 +1,97 @@
+#include <cmath>
+#include <cstddef>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+
+#include <doctest/doctest.h>
+
+#include <rotavg/graph/components.hpp>
+#include <rotavg/graph/effective_resistance.hpp>
+#include <rotavg/graph/measurement_graph.hpp>
+
+#include "support/graphs.hpp"
+#include "support/random.hpp"
+
+using namespace rotavg;
+using rotavg::test::Random;
+
+namespace {
+
+/// Its relative standard deviation is that of a chi-squared variable with 32 degrees of freedom.
+constexpr double deviation = 0.25;
+
+std::vector<double> weights(const MeasurementGraph& graph) { return graph.weights(); }
+
+}  // namespace
+
+TEST_CASE("along a path resistances add up, and beside one another conductances") {
+  Random random;
+  INFO(random.replay());
+  const MeasurementGraph path = simulate_graph(random, test::path(41), 1.0);
+  const auto along = effective_resistances(path, weights(path), {{0, 40}, {7, 3}, {5, 5}}, 1e9, 1);
+  REQUIRE(along.has_value());
+  CHECK(std::abs((*along)[0] / 40.0 - 1.0) < 5.0 * deviation);
+  CHECK(std::abs((*along)[1] / 4.0 - 1.0) < 5.0 * deviation);
+  CHECK((*along)[2] == 0.0);
+  const MeasurementGraph cycle = simulate_graph(random, test::cycle(40), 1.0);
+  const auto around = effective_resistances(cycle, weights(cycle), {{0, 20}}, 1e9, 1);
+  REQUIRE(around.has_value());
+  CHECK(std::abs((*around)[0] / 10.0 - 1.0) < 5.0 * deviation);
+}
+
+TEST_CASE("effective resistances are those of the dense Laplacian, without bias") {
+  Random random;
+  INFO(random.replay());
+  double sum = 0.0, squares = 0.0;
+  int count = 0;
+  for (int round = 0; round < 30; ++round) {
+    auto measurements = test::simulate(random, test::random_connected(random, 20, 40), 1.0);
+    for (RelativeRotation& m : measurements) m.weight = std::pow(10.0, random.uniform(-2.0, 2.0));
+    const MeasurementGraph graph(measurements);
+    const Index n = graph.num_nodes();
+    Eigen::MatrixXd L = Eigen::MatrixXd::Constant(n, n, 1.0);  // of the constant vectors
+    for (const Edge& e : graph.edges()) {
+      L(e.i, e.i) += e.weight;
+      L(e.j, e.j) += e.weight;
+      L(e.i, e.j) -= e.weight;
+      L(e.j, e.i) -= e.weight;
+    }
+    const Eigen::MatrixXd inverse = L.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+    std::vector<std::pair<Index, Index>> pairs;
+    for (int k = 0; k < 5; ++k) pairs.emplace_back(random.below(n), random.below(n));
+    const auto found = effective_resistances(graph, weights(graph), pairs, 1e9, 1);
+    REQUIRE(found.has_value());
+    for (std::size_t p = 0; p < pairs.size(); ++p) {
+      const auto [i, j] = pairs[p];
+      if (i == j) continue;
+      const double exact = inverse(i, i) + inverse(j, j) - 2.0 * inverse(i, j);
+      const double off = (*found)[p] / exact - 1.0;
+      CHECK(std::abs(off) < 6.0 * deviation);
+      sum += off;
+      squares += off * off;
+      ++count;
+    }
+  }
+  CHECK(std::abs(sum / count) < 6.0 * deviation / std::sqrt(count));
+  CHECK(std::sqrt(squares / count) < 1.5 * deviation);
+}
+
+TEST_CASE("effective resistances of several components, and none where the factor is too large") {
+  Random random;
+  INFO(random.replay());
+  std::vector<RelativeRotation> measurements;
+  for (NodeId i = 0; i < 9; ++i) {
+    if (i != 4) measurements.push_back({i, i + 1, random.rotation(), 4.0});
+  }
+  const MeasurementGraph graph(measurements);
+  const auto found = effective_resistances(graph, weights(graph), {{0, 4}, {5, 9}}, 1e9, 1);
+  REQUIRE(found.has_value());
+  for (const double r : *found) CHECK(std::abs(r - 1.0) < 5.0 * deviation);
+  CHECK_FALSE(effective_resistances(graph, weights(graph), {{0, 4}}, 1.0, 1).has_value());
+  const auto stop = [] { return false; };
+  const MeasurementGraph grid = simulate_graph(random, test::grid(60, 60), 1.0);
+  CHECK_FALSE(effective_resistances(grid, weights(grid), {{0, 4}}, 1e12, 1, stop).has_value());
+}
