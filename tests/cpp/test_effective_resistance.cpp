@@ -20,10 +20,12 @@ using rotavg::test::Random;
 
 namespace {
 
-/// Its relative standard deviation is that of a chi-squared variable with 32 degrees of freedom.
+/// Relative standard deviation of an estimate from 32 samples, sqrt(2 / 32).
 constexpr double deviation = 0.25;
 
-std::vector<double> weights(const MeasurementGraph& graph) { return graph.weights(); }
+bool is_about(double estimate, double exact) {
+  return estimate > 0.3 * exact && estimate < 2.5 * exact;
+}
 
 }  // namespace
 
@@ -31,15 +33,15 @@ TEST_CASE("along a path resistances add up, and beside one another conductances"
   Random random;
   INFO(random.replay());
   const MeasurementGraph path = simulate_graph(random, test::path(41), 1.0);
-  const auto along = effective_resistances(path, weights(path), {{0, 40}, {7, 3}, {5, 5}}, 1e9, 1);
+  const auto along = effective_resistances(path, {{0, 40}, {7, 3}, {5, 5}}, 1e9, 1);
   REQUIRE(along.has_value());
-  CHECK(std::abs((*along)[0] / 40.0 - 1.0) < 5.0 * deviation);
-  CHECK(std::abs((*along)[1] / 4.0 - 1.0) < 5.0 * deviation);
+  CHECK(is_about((*along)[0], 40.0));
+  CHECK(is_about((*along)[1], 4.0));
   CHECK((*along)[2] == 0.0);
   const MeasurementGraph cycle = simulate_graph(random, test::cycle(40), 1.0);
-  const auto around = effective_resistances(cycle, weights(cycle), {{0, 20}}, 1e9, 1);
+  const auto around = effective_resistances(cycle, {{0, 20}}, 1e9, 1);
   REQUIRE(around.has_value());
-  CHECK(std::abs((*around)[0] / 10.0 - 1.0) < 5.0 * deviation);
+  CHECK(is_about((*around)[0], 10.0));
 }
 
 TEST_CASE("effective resistances are those of the dense Laplacian, without bias") {
@@ -52,7 +54,7 @@ TEST_CASE("effective resistances are those of the dense Laplacian, without bias"
     for (RelativeRotation& m : measurements) m.weight = std::pow(10.0, random.uniform(-2.0, 2.0));
     const MeasurementGraph graph(measurements);
     const Index n = graph.num_nodes();
-    Eigen::MatrixXd L = Eigen::MatrixXd::Constant(n, n, 1.0);  // of the constant vectors
+    Eigen::MatrixXd L = Eigen::MatrixXd::Constant(n, n, 1.0);  // + 1 1^T: regular, and the same
     for (const Edge& e : graph.edges()) {
       L(e.i, e.i) += e.weight;
       L(e.j, e.j) += e.weight;
@@ -62,14 +64,14 @@ TEST_CASE("effective resistances are those of the dense Laplacian, without bias"
     const Eigen::MatrixXd inverse = L.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
     std::vector<std::pair<Index, Index>> pairs;
     for (int k = 0; k < 5; ++k) pairs.emplace_back(random.below(n), random.below(n));
-    const auto found = effective_resistances(graph, weights(graph), pairs, 1e9, 1);
+    const auto found = effective_resistances(graph, pairs, 1e9, 1);
     REQUIRE(found.has_value());
     for (std::size_t p = 0; p < pairs.size(); ++p) {
       const auto [i, j] = pairs[p];
       if (i == j) continue;
       const double exact = inverse(i, i) + inverse(j, j) - 2.0 * inverse(i, j);
       const double off = (*found)[p] / exact - 1.0;
-      CHECK(std::abs(off) < 6.0 * deviation);
+      CHECK(is_about((*found)[p], exact));
       sum += off;
       squares += off * off;
       ++count;
@@ -87,11 +89,11 @@ TEST_CASE("effective resistances of several components, and none where the facto
     if (i != 4) measurements.push_back({i, i + 1, random.rotation(), 4.0});
   }
   const MeasurementGraph graph(measurements);
-  const auto found = effective_resistances(graph, weights(graph), {{0, 4}, {5, 9}}, 1e9, 1);
+  const auto found = effective_resistances(graph, {{0, 4}, {5, 9}}, 1e9, 1);
   REQUIRE(found.has_value());
-  for (const double r : *found) CHECK(std::abs(r - 1.0) < 5.0 * deviation);
-  CHECK_FALSE(effective_resistances(graph, weights(graph), {{0, 4}}, 1.0, 1).has_value());
+  for (const double r : *found) CHECK(is_about(r, 1.0));
+  CHECK_FALSE(effective_resistances(graph, {{0, 4}}, 1.0, 1).has_value());
   const auto stop = [] { return false; };
   const MeasurementGraph grid = simulate_graph(random, test::grid(60, 60), 1.0);
-  CHECK_FALSE(effective_resistances(grid, weights(grid), {{0, 4}}, 1e12, 1, stop).has_value());
+  CHECK_FALSE(effective_resistances(grid, {{0, 4}}, 1e12, 1, stop).has_value());
 }

@@ -316,3 +316,11 @@ def test_sides_that_look_alike_are_mostly_told_apart_whatever_their_matches_say(
     # strongest whatever they weigh, and doubts about rejected edges that weigh as much, 10 and 19.
     assert right >= 2, f"from seed {SEED}: {right} of {graphs} are right"
     assert silent <= 3, f"from seed {SEED}: {silent} of {graphs} are wrong without a word"
+
+
+def test_from_a_robust_solution_it_goes_on() -> None:
+    graph, truth = ring_of_alike(0)
+    first = rotavg.solve(graph, loss="auto", certify=False)
+    again = rotavg.solve(graph, loss="auto", init=first, certify=False)
+    assert np.degrees(rotavg.compare(first.rotations, truth).mean) < 1
+    assert np.degrees(rotavg.compare(again.rotations, truth).mean) < 1

@@ -123,3 +123,39 @@ def test_wrong_translations_of_closures_are_found(said: float) -> None:
     if said == 1.0:
         assert found[0] >= is_wrong.sum() - 2, SEED
         assert np.median(errors) < 0.3, SEED
+
+
+def test_trusted_edges_that_contradict_one_another_are_told() -> None:
+    simulation = rotavg.simulate("sphere", n=60, noise=0.01, seed=3)
+    graph = simulation.graph
+    assert "trusted?" not in str(rotavg.solve(graph, loss="auto", trusted="odometry"))
+    wrong = rotavg.MeasurementGraph(
+        np.vstack((graph.edges, [[20, 21]])),
+        np.concatenate((graph.rotations, matrices_from_rotvecs(np.array([[0.0, 0.0, 1.5]])))),
+    )
+    told = str(rotavg.solve(wrong, loss="auto", trusted="odometry"))
+    assert "trusted edges lie far off" in told
+    assert "(20 -> 21)" in told
+
+
+def test_poses_trust_what_the_rotations_do() -> None:
+    rng = np.random.default_rng(SEED)
+    graph, _, wrong = aliased(rng, 1.0)
+    measured = graph.translations
+    assert measured is not None
+    step = int(np.flatnonzero(np.abs(np.diff(graph.indices, axis=1)[:, 0]) == 1)[200])
+    vectors = measured.vectors.copy()
+    vectors[step] += 30.0
+    slipped = rotavg.MeasurementGraph(
+        graph.edges, graph.rotations, graph.weights, graph.nodes, covariances=graph.covariances,
+        translations=rotavg.RelativeTranslations(vectors, measured.information),
+    )  # fmt: skip
+    doubted = rotavg.refine_poses(rotavg.solve(slipped), loss="tls")
+    assert doubted.edge_shares[step] < 0.5, f"seed {SEED}"
+    trusting = rotavg.refine_poses(rotavg.solve(slipped), loss="tls", trusted="odometry")
+    assert trusting.edge_shares[step] == 1.0, f"seed {SEED}"
+    inherited = rotavg.solve(slipped, loss="auto", trusted=graph.edges[[step]])
+    assert rotavg.refine_poses(inherited, loss="tls").edge_shares[step] == 1.0, f"seed {SEED}"
+    with pytest.raises(rotavg.OptionError, match='trusted is for a robust loss, and this is "l2"'):
+        rotavg.refine_poses(rotavg.solve(graph), trusted="odometry")
+    assert wrong.any()

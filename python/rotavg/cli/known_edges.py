@@ -30,8 +30,8 @@ _OPTIONS = (
         "--trusted",
         "trusted_path",
         type=options.INPUT,
-        help="Edges that --loss does not touch: I J on every line, or CSV with columns i, j "
-        "and perhaps trusted (1 or 0).",
+        help="Edges that --loss and --pose-loss do not touch: I J on every line, or CSV with "
+        "columns i, j and perhaps trusted (1 or 0).",
     ),
     click.option(
         "--trust-odometry",
@@ -68,16 +68,16 @@ def known_edge_options(command: Any) -> Any:
     return command
 
 
-def check_known_edges(loss: str, known: KnownEdges, weight_kind: str) -> None:
+def check_known_edges(loss: str, pose_loss: str, known: KnownEdges, weight_kind: str) -> None:
     """UsageError for options that have no effect without a robust loss."""
-    given = {
-        "--trusted": known.trusted_path is not None,
-        "--trust-odometry": known.trust_odometry,
-        "--weight-kind": weight_kind != "auto",
-    }
+    if loss == "l2" and weight_kind != "auto":
+        raise click.UsageError("--weight-kind is for --loss, which is not given or l2")
+    given = {"--trusted": known.trusted_path is not None, "--trust-odometry": known.trust_odometry}
     for name, is_given in given.items():
-        if is_given and loss == "l2":
-            raise click.UsageError(f"{name} is for --loss, which is not given or l2")
+        if is_given and loss == pose_loss == "l2":
+            raise click.UsageError(
+                f"{name} is for --loss or --pose-loss, which are not given or l2"
+            )
 
 
 def read_known_edges(

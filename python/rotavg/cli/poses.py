@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any, Callable, Literal, TypeVar
 
 import click
+import numpy as np
+from numpy.typing import NDArray
 
 import rotavg
 from rotavg.base.errors import require
@@ -78,9 +80,15 @@ class Refinement:
             raise rotavg.FormatError(f"{found}: there are no poses to refine", path=path)
 
     def run(
-        self, solution: rotavg.Solution, priors: rotavg.Priors | None
+        self,
+        solution: rotavg.Solution,
+        priors: rotavg.Priors | None,
+        trusted: NDArray[np.bool_] | None,
     ) -> rotavg.PoseSolution | None:
-        """The refined poses, if they were asked for, with the priors of the solution."""
+        """The refined poses, if they were asked for, with the priors of the solution.
+
+        A robust loss of the poses does not touch trusted edges (m,).
+        """
         if not self.refine:
             return None
         if solution.grounded is not None:
@@ -88,7 +96,11 @@ class Refinement:
         scale = self._scale()
         with working("refining poses"):
             return rotavg.refine_poses(
-                solution, priors=priors, loss=self.pose_loss, loss_scale=scale
+                solution,
+                priors=priors,
+                loss=self.pose_loss,
+                loss_scale=scale,
+                trusted=None if self.pose_loss == "l2" else trusted,
             )
 
     def _scale(self) -> float | Literal["auto"]:

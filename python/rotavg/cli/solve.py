@@ -79,7 +79,7 @@ def solve(
     files, refinement = taken(SolveFiles, settings), taken(Refinement, settings)
     nodes, edges = taken(KnownNodes, settings), taken(KnownEdges, settings)
     _refuse_idle(settings, no_certify=no_certify, pose_loss=refinement.pose_loss)
-    _check(settings, nodes, edges, headings)
+    _check(settings, nodes, edges, refinement.pose_loss, headings)
     refinement.check()
     files.check(input_path, [*nodes.paths, *edges.paths, *_further_inputs(settings)])
 
@@ -96,12 +96,15 @@ def solve(
     graph = _read_what_is_known(graph, nodes, edges, of_poses, settings, told=not as_json)
 
     settings.update(num_threads=threads, certify=not no_certify)
+    trusted = settings["trusted"]
+    if settings["loss"] == "l2":  # of the poses alone
+        settings["trusted"] = None
     solution, interrupted = _solve(graph, settings, headings=headings)
 
     poses = None
     try:
         if not interrupted:
-            poses = refinement.run(solution, settings["priors"])
+            poses = refinement.run(solution, settings["priors"], trusted)
             files.write_covariances(solution)
     finally:  # what was solved is written, whether it has covariances or not
         files.write(solution, poses, input_path, read_seconds)
@@ -138,9 +141,11 @@ def _translate(settings: dict[str, Any]) -> None:
         settings["covariances"] = True  # of a database's pairs
 
 
-def _check(settings: dict[str, Any], nodes: KnownNodes, edges: KnownEdges, headings: bool) -> None:
+def _check(
+    settings: dict[str, Any], nodes: KnownNodes, edges: KnownEdges, pose_loss: str, headings: bool
+) -> None:
     """UsageError for options that do not go together."""
-    check_known_edges(settings["loss"], edges, settings["weight_kind"])
+    check_known_edges(settings["loss"], pose_loss, edges, settings["weight_kind"])
     check_prior_options(nodes)
     if headings:
         check_heading_options(nodes.gravity_path)

@@ -26,17 +26,13 @@ def known_edges(
     Raises GraphError for what does not fit the graph, OptionError for what the loss has no use for.
     """
     expect(graph, MeasurementGraph)
-    robust = {"trusted": trusted, "edge_scales": edge_scales, "initial_weights": initial_weights}
+    robust = {"edge_scales": edge_scales, "initial_weights": initial_weights}
     for name, value in robust.items():
-        if value is not None and loss == "l2":
-            raise OptionError(f'{name} is for a robust loss, and this is "l2"')
+        _check_use(name, value, loss)
     left_out = edge_mask(graph, "excluded", excluded)
-    trust: NDArray[np.bool_] | None
-    if isinstance(trusted, str):
-        steps = _odometry_by_name(graph, trusted)
-        trust = steps if left_out is None else steps & ~left_out
-    else:
-        trust = edge_mask(graph, "trusted", trusted)
+    trust = trusted_edges(graph, loss, trusted)
+    if isinstance(trusted, str) and trust is not None and left_out is not None:
+        trust = trust & ~left_out
     if trust is not None and left_out is not None and (trust & left_out).any():
         i, j = graph.edges[np.argmax(trust & left_out)].tolist()
         raise OptionError(f"the edge ({i!r}, {j!r}) is both trusted and excluded")
@@ -48,10 +44,24 @@ def known_edges(
     }
 
 
-def _odometry_by_name(graph: MeasurementGraph, trusted: str) -> NDArray[np.bool_]:
+def trusted_edges(
+    graph: MeasurementGraph, loss: str, trusted: ArrayLike | str | None
+) -> NDArray[np.bool_] | None:
+    """(m,) mask of them: "odometry", a mask, or pairs of node ids (k, 2); None for None.
+
+    Raises GraphError for what does not fit the graph, OptionError without a robust loss.
+    """
+    _check_use("trusted", trusted, loss)
+    if not isinstance(trusted, str):
+        return edge_mask(graph, "trusted", trusted)
     if trusted != "odometry":
         raise OptionError(f'trusted is {trusted!r}; expected "odometry", a mask or pairs of nodes')
     return odometry(graph)
+
+
+def _check_use(name: str, value: object, loss: str) -> None:
+    if value is not None and loss == "l2":
+        raise OptionError(f'{name} is for a robust loss, and this is "l2"')
 
 
 def edge_mask(

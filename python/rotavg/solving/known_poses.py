@@ -54,11 +54,12 @@ class KnownPoses:
         loss: PoseLoss = "l2",
         loss_scale: float | Literal["auto"] = "auto",
         edge_shares: Floats | None = None,
+        trusted: NDArray[np.bool_] | None = None,
     ) -> tuple[Floats, Floats]:
         """Poses of all nodes that agree with what is known, as far as a rigid motion can.
 
         The loss is that of the positions, which count shares (m,) of the edges' information, by
-        default what the rotations' loss has left.
+        default what the rotations' loss has left; it does not touch trusted edges (m,).
         """
         graph = solution.graph
         all_rows = np.ones(len(self.rows), dtype=np.bool_)
@@ -73,6 +74,7 @@ class KnownPoses:
             loss=loss,
             loss_scale=loss_scale,
             edge_shares=solution.edge_shares if edge_shares is None else edge_shares,
+            trusted=trusted,
         )
         return rotations, where if self.places is None else self._placed(graph, rotations, where)
 

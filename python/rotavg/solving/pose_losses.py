@@ -73,6 +73,7 @@ def reweighted(
     *,
     rounding: float,
     graduate: bool,
+    trusted: NDArray[np.bool_] | None = None,
 ) -> tuple[Floats, float, bool]:
     """Shares (m,), the scale, and whether they have settled, by reweighted least squares.
 
@@ -85,6 +86,7 @@ def reweighted(
         rounding: of chi: the least scale.
         graduate: begin with Geman and McClure's loss at the scale of the largest chi, and halve
             that each time, so that what most edges agree on comes first (graduated non-convexity).
+        trusted: (m,) edges of which all is left.
     """
     now, chi = start
     stage = float(chi.max(initial=0.0)) if graduate else np.inf
@@ -98,6 +100,8 @@ def reweighted(
             # Once it falls little: that of fits to fewer and fewer edges would fall for ever.
             last = stage <= wanted and wanted >= _FALLS_LITTLE * before
         left = shares(loss if stage <= wanted else "geman_mcclure", chi, max(stage, least))
+        if trusted is not None:
+            left[trusted] = 1.0
         if last and np.abs(left - now).max(initial=0.0) < _SETTLED:
             return now, max(stage, least), True
         now = left

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rotavg import _core
 from rotavg.base.arrays import read_only
@@ -19,6 +19,7 @@ from rotavg.graph.node_mapping import NodeMapping
 from rotavg.priors.priors import Priors
 from rotavg.solving import options
 from rotavg.solving.chi_noise import ChiNoise
+from rotavg.solving.known_edges import trusted_edges
 from rotavg.solving.known_poses import known_poses
 from rotavg.solving.normal_equations import NormalEquations
 from rotavg.solving.pose_losses import LEAST_SHARE, PoseLoss, check_pose_loss, reweighted
@@ -119,6 +120,7 @@ def refine_poses(
     priors: Priors | None = None,
     loss: PoseLoss = "l2",
     loss_scale: float | Literal["auto"] = "auto",
+    trusted: ArrayLike | str | None = None,
     max_iterations: int = 100,
     tolerance: float = 1e-12,
 ) -> PoseSolution:
@@ -145,13 +147,17 @@ def refine_poses(
             the edges are weighed anew, until that changes nothing.
         loss_scale: of a robust loss, in units of chi: standard deviations, if the information is
             right; "auto" several times the noise that most edges show.
+        trusted: edges that a robust loss does not touch, as those of `solve`: a mask (m,), pairs of
+            ids (k, 2), or "odometry"; by default those that were trusted in `solution`.
         max_iterations: limit on the number of steps that are tried.
         tolerance: stop when a step promises to lower chi^2 by no more than this share of it.
 
     Raises:
         GraphError: no translations; an edge whose information is not positive definite; what is
-            fixed is no pose of a node, or is held by the priors as well.
-        OptionError: an option out of range, a loss that is none, or priors with rigs.
+            fixed is no pose of a node, or is held by the priors as well; trusted edges that are
+            none of the graph's.
+        OptionError: an option out of range, a loss that is none, trusted edges without a robust
+            one, or priors with rigs.
         MissingExtraError: SciPy is not installed.
         SolverError: the numbers are too large or too far apart.
     """
@@ -166,6 +172,9 @@ def refine_poses(
     scale = check_pose_loss(loss, loss_scale)
     graph = solution.graph
     shares = solution.edge_weights / graph.weights
+    trust = trusted_edges(graph, loss, trusted)
+    if loss != "l2" and trusted is None and solution.edge_verdicts is not None:
+        trust = solution.edge_verdicts == "trusted"
     if loss != "l2":  # a sharp loss leaves right edges a tenth or all, which is no information
         shares = np.where(solution.is_outlier, LEAST_SHARE, 1.0)
     measured = measured_terms(graph, shares)
@@ -177,7 +186,7 @@ def refine_poses(
     flat = graph.translations.dimension == 2
     if flat and not known.terms:
         free[:, 2:5] = False
-    start = known.start(solution, loss, loss_scale, None if loss == "l2" else shares)
+    start = known.start(solution, loss, loss_scale, None if loss == "l2" else shares, trust)
     descent = _Descent(*start, measured, known.terms, free, limit, tolerance)
     left, used_scale = np.ones(graph.num_edges), np.inf
     settled = True
@@ -196,6 +205,7 @@ def refine_poses(
             lambda found: noise(found, 3 if flat else 6),
             rounding=noise.rounding,
             graduate=False,
+            trusted=trust,
         )
     end = descent.run(left)
     rotations = _core.nearest_rotation(end.rotations)  # of what rounding has spoilt

@@ -15,6 +15,7 @@ from rotavg.graph.conventions import first_no_rotation
 from rotavg.graph.measurement_graph import MeasurementGraph
 from rotavg.graph.nearest import why_row_is_no_rotation
 from rotavg.solving.chi_noise import ChiNoise
+from rotavg.solving.known_edges import trusted_edges
 from rotavg.solving.pose_losses import (
     LEAST_SHARE,
     PoseLoss,
@@ -35,6 +36,7 @@ def positions(
     loss: PoseLoss = "l2",
     loss_scale: float | Literal["auto"] = "auto",
     edge_shares: ArrayLike | None = None,
+    trusted: ArrayLike | str | None = None,
 ) -> NDArray[np.float64]:
     """Positions of the nodes, given their rotations, by one sparse linear solve.
 
@@ -53,14 +55,16 @@ def positions(
             right; "auto" several times the noise that most edges show.
         edge_shares: (m,) from 0 to 1: what of each edge's information counts, by default all; so
             what a robust loss has left of their rotations.
+        trusted: edges that a robust loss does not touch, as those of `solve`: a mask (m,), pairs of
+            ids (k, 2), or "odometry".
 
     Returns:
         (n, 3) in the world that `rotations` lead to.
 
     Raises:
         GraphError: the graph has no translations, these are not n rotations, or a fixed position
-            is not finite or of no row, or shares are out of range.
-        OptionError: a loss or scale that is none.
+            is not finite or of no row, shares are out of range, or trusted edges are none.
+        OptionError: a loss or scale that is none, or trusted edges without a robust loss.
         SolverError: the numbers are too large or too far apart.
     """
     expect(graph, MeasurementGraph)
@@ -76,6 +80,7 @@ def positions(
     rows, held = _held(graph, fixed or {})
     information = measured.information / np.abs(measured.information).max()
     counted = _shares(graph, edge_shares)
+    trust = trusted_edges(graph, loss, trusted)
 
     def solved(left: NDArray[np.float64]) -> NDArray[np.float64]:
         omega = information * (counted * left)[:, None, None]
@@ -113,6 +118,7 @@ def positions(
             noise_of,
             rounding=noise.rounding,
             graduate=loss != "huber",
+            trusted=trust,
         )
         return left, used
 

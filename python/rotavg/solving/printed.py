@@ -15,7 +15,7 @@ from rotavg.solving.printed_robust import (
     robust_rows,
 )
 from rotavg.solving.solved import Solved
-from rotavg.solving.trajectory import doubted_odometry
+from rotavg.solving.trajectory import doubted_odometry, strained_trust
 from rotavg.solving.uncertainty import beyond_half_a_turn, rms_degrees
 
 OF_COVARIANCES = {
@@ -174,4 +174,6 @@ def _outliers(solution: Solved) -> Rows:
         rows.append(("hanging", f"{some} of {sum(sizes)} nodes, on edges that nothing checks"))
     if (advice := doubted_odometry(solution)) is not None:
         rows.append(("odometry?", advice))
+    if (advice := strained_trust(solution)) is not None:
+        rows.append(("trusted?", advice))
     return rows

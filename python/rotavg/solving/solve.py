@@ -147,7 +147,8 @@ def solve(
         excluded: edges to leave out, likewise (but for a weight that keeps the graph connected).
         edge_scales: (m,) factors by which the scale of the loss and the threshold of outliers
             differ from edge to edge, instead of what the weights say.
-        initial_weights: (m,) robust weights, 0 to 1, with which the first least squares are solved.
+        initial_weights: (m,) robust weights, 0 to 1, with which the first least squares are solved,
+            in place of `l1`. From a Solution of a robust loss it goes on likewise.
         priors: what is known of the rotations beforehand (docs/priors.md): then they are those in
             the world of the priors, and the certificate is that of the problem with the priors.
         robust_priors: whether a robust loss is that of absolute priors and gravity, too, each kind
@@ -215,6 +216,8 @@ def solve(
         "robust_priors": bool(robust_priors),
         **known_edges(graph, loss, trusted, excluded, edge_scales, initial_weights),
     }
+    if loss != "l2" and initial_weights is None and _is_robust(init):
+        settings["initial_weights"] = np.ones(graph.num_edges)  # it goes on from where it was
     if gauge not in ("first", "mean"):
         raise OptionError(f"gauge is {gauge!r}; expected 'first' or 'mean'")
     if isinstance(anisotropic, np.bool_):
@@ -236,6 +239,10 @@ def solve(
     if interrupted:
         raise Interrupted(solution)
     return solution
+
+
+def _is_robust(init: object) -> bool:
+    return isinstance(init, Solution) and init.robust is not None
 
 
 def _start(

@@ -9,6 +9,7 @@ from rotavg.solving.known_edges import is_step
 from rotavg.solving.solved import Solved
 
 _MOST = 0.9  # of the steps from one node to the next
+_FAR = 3.0  # times the threshold of outliers
 
 
 def is_trajectory(graph: MeasurementGraph) -> bool:
@@ -30,3 +31,23 @@ def doubted_odometry(solution: Solved) -> str | None:
         return None
     some = f"{doubted} of {int(steps.sum())} edges between consecutive numbers are outliers"
     return f'{some}: if these are odometry, trust it (--trust-odometry, trusted="odometry")'
+
+
+def strained_trust(solution: Solved) -> str | None:
+    """A sentence, where trusted edges lie far off, as those do that contradict one another."""
+    graph, robust = solution.graph, solution.robust
+    if robust is None:
+        return None
+    trusted = robust.edge_verdicts == "trusted"
+    # In units of their own precision, of edges that are less precise than the median one.
+    reach = (
+        _FAR * robust.threshold * np.sqrt(np.maximum(1, np.median(graph.weights) / graph.weights))
+    )
+    far = trusted & (solution.residual_angles > reach)
+    if not far.any():
+        return None
+    k = int(np.argmax(np.where(far, solution.residual_angles, 0)))
+    i, j = graph.edges[k].tolist()
+    off = np.degrees(solution.residual_angles[k])
+    some = f"{int(far.sum())} of {int(trusted.sum())} trusted edges lie far off"
+    return f"{some}, at most {off:.3g} deg ({i!r} -> {j!r}): are they all to be trusted?"

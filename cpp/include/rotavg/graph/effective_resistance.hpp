@@ -1,7 +1,7 @@
 #pragma once
 
 #include <cmath>
-#include <cstddef>
+#include <cstdint>
 #include <functional>
 #include <optional>
 #include <random>
@@ -22,30 +22,28 @@
 
 namespace rotavg {
 
-/// The effective resistances between pairs of nodes, (e_i - e_j)^T L^+ (e_i - e_j), where every
-/// edge has a conductance: of measurements with these precisions, by how much two nodes may still
-/// turn against each other, as a variance.
+/// The effective resistances between pairs of nodes, (e_i - e_j)^T L^+ (e_i - e_j), where the
+/// weights are conductances: of measurements with these precisions the variance with which least
+/// squares know one node from another, per axis and unit variance of the noise.
 ///
 /// Estimated from random right-hand sides (Spielman and Srivastava 2011): with z of independent
-/// signs and L y = B^T C^1/2 z, the mean of (y_i - y_j)^2 is the resistance; that of thirty-two is
-/// good to a quarter (one standard deviation).
+/// signs and L y = B^T W^1/2 z, the mean of (y_i - y_j)^2 is the resistance; that of thirty-two is
+/// good to a quarter (one standard deviation). It takes the memory of 64 numbers a node.
 ///
-/// @param conductance (m,) of the edges, positive
 /// @param pairs of nodes, of one component each
-/// @param max_flops where a factorisation would take more, there is no result
-/// @param keep_going asked every few milliseconds; where it says false, there is no result
+/// @param max_flops where the factorisation of a component would take more, there is no result
+/// @param keep_going asked every few milliseconds of a factorisation; where it says false, there is
+///        no result
 inline std::optional<std::vector<double>> effective_resistances(
-    const MeasurementGraph& graph, const std::vector<double>& conductance,
-    const std::vector<std::pair<Index, Index>>& pairs, double max_flops, int num_threads,
-    const std::function<bool()>& keep_going = {}) {
+    const MeasurementGraph& graph, const std::vector<std::pair<Index, Index>>& pairs,
+    double max_flops, int num_threads, const std::function<bool()>& keep_going = {}) {
   constexpr int samples = 32;
   const Components components = connected_components(graph);
   std::mt19937_64 generator(0x5eed);
   Eigen::MatrixXd Y = Eigen::MatrixXd::Zero(samples, graph.num_nodes());  // a node's are together
-  for (std::size_t k = 0; k < conductance.size(); ++k) {
-    const Edge& e = graph.edges()[k];
-    const double root = std::sqrt(conductance[k]);
-    std::uint_fast64_t signs = generator();
+  for (const Edge& e : graph.edges()) {
+    const double root = std::sqrt(e.weight);
+    std::uint64_t signs = generator();
     for (int s = 0; s < samples; ++s, signs >>= 1) {
       const double current = (signs & 1) != 0 ? root : -root;
       Y(s, e.i) += current;
@@ -56,7 +54,7 @@ inline std::optional<std::vector<double>> effective_resistances(
     if (elimination.size() == 0) continue;
     if (elimination.flops(1, max_flops) > max_flops) return std::nullopt;
     BlockCholesky<1> cholesky(elimination.symbolic(), num_threads);
-    if (cholesky.factorize(grounded_laplacian(graph, elimination, conductance), 0.0, keep_going) !=
+    if (cholesky.factorize(grounded_laplacian(graph, elimination), 0.0, keep_going) !=
         CholeskyOutcome::positive_definite) {
       return std::nullopt;
     }

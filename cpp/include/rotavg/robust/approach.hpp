@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -41,7 +42,7 @@ inline bool many_contradict(RobustRun& run, const Rotations& R) {
 
 struct ApproachOptions {
   bool knows_weights = false;  ///< the start is that of robust weights
-  bool continues = false;      ///< RobustOptions::continues
+  bool starts_near = false;    ///< neither l1 nor graduated non-convexity goes before
   bool starts_freely = false;  ///< neither a start nor an initialisation was asked for
   int most_reweightings = 0;
 };
@@ -52,9 +53,10 @@ struct Approach {
   Consensus consensus;
   int l1_reweightings = 0;
   bool from_chordal = false, from_tree = false;
-  bool was_grown = false;  ///< grown_from_tree() was one of the starts
-  double prepared = 0.0;   ///< seconds of the run, before the loss
-  std::string manner;      ///< how l1 was judged, in words, where that is not as usual
+  /// Where grown_from_tree() has led, if it was one of the starts.
+  std::optional<Rotations> grown;
+  double prepared = 0.0;  ///< seconds of the run, before the loss
+  std::string manner;     ///< how l1 was judged, in words, where that is not as usual
 };
 
 inline Approach approach(RobustRun& run, const CheckedPart& part, const Rotations& start,
@@ -67,7 +69,7 @@ inline Approach approach(RobustRun& run, const CheckedPart& part, const Rotation
   run.judge(judging);
   const auto with_l1 = [&](const Rotations& R) {
     return run.reweighted(R, {Loss::l1, l1_scale}, l1_gain,
-                          rules.knows_weights || rules.continues ? 0 : l1_limit);
+                          rules.knows_weights || rules.starts_near ? 0 : l1_limit);
   };
   IterationResult l1 = with_l1(start);
   if (rules.starts_freely && has_few_edges(graph) && run.ended() == Status::not_run &&
@@ -85,7 +87,7 @@ inline Approach approach(RobustRun& run, const CheckedPart& part, const Rotation
   found.prepared = run.seconds();
   found.settled = settle(run, asked, freedom, found.consensus,
                          {start, std::move(l1.rotations), found.consensus.rotations},
-                         !rules.continues, rules.most_reweightings);
+                         !rules.starts_near, rules.most_reweightings);
   if (run.trusts_any() && judging != Judging::evenly) {  // so far none was
     run.judge(Judging::in_own_units);
     found.settled.result = run.reweighted(found.settled.result.rotations, found.settled.loss,
@@ -101,30 +103,39 @@ inline bool is_chain(const MeasurementGraph& graph, Index num_cycles) {
   return num_cycles > 0 && num_cycles <= hardly_any * graph.num_edges();
 }
 
-/// The approach that ends with the least objective, at the smallest of the scales: l1 gives every
+/// The approach that ends with the least objective, at the smaller of two scales: l1 gives every
 /// edge one voice, since a precision may be wrong, but for trusted edges. These it takes at their
 /// word, which holds a chain so stiffly that right closures may seem wrong; so it is tried without
-/// trust, too, and, where there is trust or a chain, with the precisions as they are. There, and
-/// where edges are few and many contradict, edges that bear one another out are a start as well.
+/// trust, too, and, where precisions differ and there is trust or a chain, with the precisions as
+/// they are. Edges that bear one another out are a start as well, with trust, and where precisions
+/// differ and there is a chain, or edges are few and many contradict.
 inline Approach best_approach(RobustRun& run, const CheckedPart& part, const Rotations& start,
                               const RobustLoss& asked, const ApproachOptions& rules) {
   const MeasurementGraph& graph = part.graph();
   Approach best = approach(run, part, start, asked, rules, Judging::evenly);
-  if (rules.knows_weights || rules.continues || asked.kind == Loss::l2 || run.trusts_all()) {
+  if (rules.knows_weights || rules.starts_near || asked.kind == Loss::l2 || run.trusts_all()) {
     return best;
   }
+  constexpr double fair_gain = 1e-3;
+  constexpr int fair_limit = 10, brief_limit = 30;
+  // What settled at a larger scale is not at its least at a smaller one.
+  const auto objective = [&](const Settling& settled, const RobustLoss& loss) {
+    if (settled.loss.scale <= loss.scale) return run.objective_at(settled.result.rotations, loss);
+    return run.reweighted(settled.result.rotations, loss, fair_gain, fair_limit).objective;
+  };
   const auto try_with = [&](const Rotations& R, bool from_tree, Judging judging,
-                            const ApproachOptions& by, const char* manner) {
-    if (run.ended() != Status::not_run) return;
+                            const ApproachOptions& by, const char* manner) -> Rotations {
+    if (run.ended() != Status::not_run) return R;
     Approach other = approach(run, part, R, asked, by, judging);
     other.from_tree = from_tree && !other.from_chordal;
+    Rotations led_to = other.settled.result.rotations;
     RobustLoss loss = best.settled.loss;
     loss.scale = std::min(loss.scale, other.settled.loss.scale);
-    if (run.objective_at(other.settled.result.rotations, loss) <
-        run.objective_at(best.settled.result.rotations, loss)) {
+    if (objective(other.settled, loss) < objective(best.settled, loss)) {
       best = std::move(other);
       best.manner = manner;
     }
+    return led_to;
   };
   const bool trusts = run.trusts_any();
   if (trusts) {
@@ -140,15 +151,21 @@ inline Approach best_approach(RobustRun& run, const CheckedPart& part, const Rot
   const auto is_doubtful = [&] {
     return has_few_edges(graph) && many_contradict(run, best.settled.result.rotations);
   };
-  if (trusts || (run.has_own_units() && (chain || is_doubtful()))) {
+  const bool grows = trusts || (run.has_own_units() && (chain || is_doubtful()));
+  if (grows && run.ended() == Status::not_run) {
     if (const auto grown = grown_from_tree(run, graph)) {
       ApproachOptions near = rules;
-      near.continues = true;
+      near.starts_near = true;
+      near.most_reweightings = std::min(rules.most_reweightings, brief_limit);
       near.starts_freely = false;
-      try_with(*grown, true, Judging::freely_in_own_units, near,
-               ", from edges that bear one another out,");
-      best.was_grown = true;
+      best.grown = try_with(*grown, true, Judging::freely_in_own_units, near,
+                            ", from edges that bear one another out,");
     }
+  }
+  if (best.settled.result.status == Status::iteration_limit &&
+      rules.most_reweightings > brief_limit) {
+    best.settled.result = run.reweighted(best.settled.result.rotations, best.settled.loss,
+                                         settled_gain, rules.most_reweightings);
   }
   return best;
 }

@@ -51,9 +51,9 @@ class Neighbourhoods {
     });
   }
 
-  /// Whether there is anything to tell: more agreeing triangles than one for twenty edges, as on a
-  /// trajectory there are not.
-  bool tell() const {
+  /// Whether there is anything to tell: more agreeing triangles than one for twenty edges, as there
+  /// are not on a trajectory.
+  bool are_informative() const {
     constexpr double few = 0.05;
     const double triangles = static_cast<double>(agreeing_.size()) * stride_ / (once_ ? 1.0 : 3.0);
     return triangles > few * graph_->num_edges();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -86,6 +87,12 @@ inline std::vector<double> ballots_of(std::vector<double> ends) {
   return ends;
 }
 
+/// The strongest edges by some weights, all (m,).
+struct Strongest {
+  std::vector<double> overlap, strength;
+  std::vector<double> ends, ballots;  ///< of strongest() and ballots_of()
+};
+
 inline std::vector<double> times(std::vector<double> a, const std::vector<double>& b) {
   for (std::size_t k = 0; k < a.size(); ++k) a[k] *= b[k];
   return a;
@@ -97,25 +104,30 @@ inline std::vector<double> times(std::vector<double> a, const std::vector<double
 ///
 /// 1. Where hardly any edge contradicts, none of those that do agree with one another on a turn
 ///    (agreeing_turns), and the noise is small enough to tell, there is but one story, and nothing
-///    more is done. Nor is it where hardly any of the strongest edges contradicts (Evidence).
+///    more is done. Nor is it where hardly any of the strongest edges contradicts (Evidence). Where
+///    edges that bear one another out were a start and hardly any edges share neighbours, as on a
+///    trajectory, there is no evidence to compare by: a few starts are tried, and the least
+///    objective decides (choose_by_objective).
 /// 2. The maximum spanning tree by strength (shared_strongest) is polished, and, where weights
 ///    differ, that by the strength which relative weights give. If they tell the same story, that
 ///    is it.
 /// 3. While that is doubtful: l1 on the strongest edges alone, of either kind, the trees by
 ///    relative weight and overlap, by what the strongest of the strongest share, by weight and
 ///    overlap, by weight alone, and by what the strongest edges say that the best answer rejects.
+///    Where weights differ and many coherent edges are rejected, doubtful or not, the tree of the
+///    edges strongest whatever they weigh, and l1 on these.
 /// 4. What the rejected edges would say, if many of them are coherent or some agree on a turn. Of
 ///    parts that a single edge holds the best answer takes the likely place (take_likely_turns),
 ///    also where 1. ends the search; other places are further answers (other_places).
-/// 5. What the evidence does not rule out is an alternative; where many rejected edges are as
-///    coherent as those that were kept, and weigh hardly less, any other answer is.
+/// 5. What the evidence does not rule out is an alternative; and where many of the coherent edges
+///    are rejected and weigh hardly less than the others (weigh_hardly_less), every other answer.
 ///
 /// @param run that judges residuals in their own units
 /// @param loss_noises the scale of the loss in units of the noise
 /// @param R, noise what was found
-/// @param was_grown whether edges that bear one another out were a start (grown_from_tree)
+/// @param grown where edges that bear one another out have led (Approach::grown)
 inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, double loss_noises,
-                              Rotations R, double noise, bool was_grown) {
+                              Rotations R, double noise, const std::optional<Rotations>& grown) {
   using namespace detail;
   constexpr int most_rounds = 4, depth = 3, wider = 2 * most_strongest;
   StorySearch search(run, graph, loss_noises, std::move(R), noise);
@@ -145,42 +157,57 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
       rejected_and_coherent(search.best().x, overlap).empty()) {
     return as_it_is();
   }
-
-  if (was_grown && !neighbourhoods.tell()) return as_it_is();
+  const auto strongest_by = [&](const std::vector<double>& weights) {
+    Strongest by;
+    by.overlap = neighbourhoods.overlap(weights);
+    by.strength = shared_strongest(graph, neighbourhoods, by.overlap);
+    by.ends = strongest(graph, by.strength);
+    by.ballots = ballots_of(by.ends);
+    return by;
+  };
+  const std::vector<double> ballots = ballots_of(evidence.voices());
+  if (grown && !neighbourhoods.are_informative()) {
+    search.add("edges that bear one another out", *grown);
+    search.add_tree("the tree of the strongest edges", strength, ballots);
+    if (uneven && search.goes_on()) {
+      const Strongest by = strongest_by(relative);
+      search.add_tree("the tree of the edges strongest for their turn", by.strength, by.ballots);
+      search.add("l1 of the edges strongest for their turn",
+                 run.agreed_by(skeleton(graph, by.ends)), by.ballots);
+    }
+    if (search.goes_on()) search.choose_by_objective();
+    search.turn_sides();
+    return search.result(/*rules_out=*/false);
+  }
 
   // 2. and 3.
-  const std::vector<double> ballots = ballots_of(evidence.voices());
   search.attempt_tree("the tree of the strongest edges", strength, ballots);
   if (uneven && search.goes_on()) {
-    const std::vector<double> alike = neighbourhoods.overlap(relative);
-    const std::vector<double> key = shared_strongest(graph, neighbourhoods, alike);
-    const std::vector<double> ends = strongest(graph, key), others = ballots_of(ends);
-    search.attempt_tree("the tree of the edges strongest for their turn", key, others);
+    const Strongest by = strongest_by(relative);
+    search.attempt_tree("the tree of the edges strongest for their turn", by.strength, by.ballots);
     if (search.doubtful()) {
       search.attempt("l1 of the edges strongest for their turn",
-                     run.agreed_by(skeleton(graph, ends)), others);
+                     run.agreed_by(skeleton(graph, by.ends)), by.ballots);
     }
     if (search.doubtful()) {
-      search.attempt_tree("the tree by relative weight and overlap", times(relative, alike),
-                          others);
+      search.attempt_tree("the tree by relative weight and overlap", times(relative, by.overlap),
+                          by.ballots);
     }
   }
   if (search.doubtful()) {
     search.attempt("l1 of the strongest edges", run.agreed_by(skeleton(graph, evidence.voices())),
                    ballots);
   }
-  const auto many_are_coherent = [&] {
+  const auto rejects_coherent_ones = [&] {
     return search.goes_on() && !rejected_and_coherent(search.best().x, overlap).empty();
   };
-  if (uneven && many_are_coherent()) {
-    const std::vector<double> evenly =
-        neighbourhoods.overlap(std::vector<double>(overlap.size(), 1.0));
-    const std::vector<double> key = shared_strongest(graph, neighbourhoods, evenly);
-    const std::vector<double> ends = strongest(graph, key), others = ballots_of(ends);
-    search.attempt_tree("the tree of the edges strongest whatever they weigh", key, others);
-    if (many_are_coherent()) {
+  if (uneven && rejects_coherent_ones()) {
+    const Strongest by = strongest_by(std::vector<double>(overlap.size(), 1.0));
+    search.attempt_tree("the tree of the edges strongest whatever they weigh", by.strength,
+                        by.ballots);
+    if (rejects_coherent_ones()) {
       search.attempt("l1 of the edges strongest whatever they weigh",
-                     run.agreed_by(skeleton(graph, ends)), others);
+                     run.agreed_by(skeleton(graph, by.ends)), by.ballots);
     }
   }
   if (search.doubtful()) {

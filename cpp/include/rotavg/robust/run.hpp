@@ -19,6 +19,7 @@
 #include <rotavg/robust/loss.hpp>
 #include <rotavg/robust/residuals.hpp>
 #include <rotavg/robust/scale.hpp>
+#include <rotavg/robust/some_edges.hpp>
 #include <rotavg/solve/automatic.hpp>
 #include <rotavg/solve/solve.hpp>
 #include <rotavg/solve/stop_request.hpp>
@@ -187,23 +188,9 @@ class RobustRun {
     return std::move(solution.rotations);
   }
 
-  /// Some of the edges (m,) alone, with their given weights, between all nodes.
-  MeasurementGraph part_of(const std::vector<bool>& chosen) const {
-    std::vector<Index> edges;
-    for (Index k = 0; k < graph_.num_edges(); ++k) {
-      if (chosen[k]) edges.push_back(k);
-    }
-    const auto measurement = [&](std::size_t k) -> RelativeQuaternion {
-      const Edge e = graph_.edges()[edges[k]];
-      return {graph_.nodes()[e.i], graph_.nodes()[e.j], e.quaternion, given_[edges[k]]};
-    };
-    return {edges.size(), measurement, graph_.nodes()};
-  }
-  /// Least squares of part_of(), from a start near by.
-  Rotations least_squares_of(const MeasurementGraph& part, Rotations start) {
-    SolveOptions l2 = rough();
-    l2.init = options_.init;
-    Solution solution = solve(part, l2, std::move(start));
+  /// Least squares of another graph, as of some of the edges, roughly, from a start near by.
+  Rotations least_squares_of(const MeasurementGraph& other, Rotations start) {
+    Solution solution = solve(other, rough(), std::move(start));
     took(solution);
     return std::move(solution.rotations);
   }
@@ -215,16 +202,11 @@ class RobustRun {
     std::vector<Index> edges;
     std::vector<double> some_precision;  // 0 where the loss does not touch an edge
     for (Index k = 0; k < graph_.num_edges(); ++k) {
-      const bool trusts = !trusting_.empty() && trusting_[k] == 0.0;
-      if (!chosen[k] && !trusts) continue;
+      if (!chosen[k] && !trusts(k)) continue;
       edges.push_back(k);
-      some_precision.push_back(trusts ? 0.0 : 1.0);
+      some_precision.push_back(trusts(k) ? 0.0 : 1.0);
     }
-    const auto measurement = [&](std::size_t k) -> RelativeQuaternion {
-      const Edge e = graph_.edges()[edges[k]];
-      return {graph_.nodes()[e.i], graph_.nodes()[e.j], e.quaternion, 1.0};
-    };
-    const MeasurementGraph some(edges.size(), measurement, graph_.nodes());
+    const MeasurementGraph some = some_edges(graph_, edges, std::vector<double>(edges.size(), 1.0));
     Solution start = solve(some, rough());
     took(start);
     IterationOptions iteration = stage(limit).iteration;

@@ -81,9 +81,10 @@ struct RobustSolution : Solution {
 ///    the scale falls with it (settle). If the objective was lower anywhere before (but of huber
 ///    and l1), it goes on from there. The trace is that of this stage, from where the loss is at
 ///    its last scale: its objective never rises.
-///    With trusted edges steps 1 to 4 are made up to four times, and of a graph in which hardly
-///    any edge closes a cycle, but some are more precise than others, three times (best_approach):
-///    the answer with the least objective goes on.
+///    With trusted edges up to four ways are tried, of edges that differ in precision up to three
+///    where hardly any closes a cycle, and two where they are few and many contradict
+///    (best_approach); the last begins near by, without l1 and graduated non-convexity. The answer
+///    with the least objective goes on.
 /// 5. Where many strong edges contradict, the loss automatic compares what it has found with where
 ///    other starts lead (find_stories), and goes on from there if they speak for it.
 /// 6. Where the noise is normal it goes on with a blunt loss (settle_on_normal_noise).

@@ -168,7 +168,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   // 1. to 4.
   detail::ApproachOptions rules;
   rules.knows_weights = !robust.known.initial_weights.empty();
-  rules.continues = start && robust.continues;
+  rules.starts_near = start && robust.continues;
   rules.starts_freely = !start && options.init == Initialization::automatic && !rules.knows_weights;
   const bool compares =
       robust.loss == Loss::automatic && !start && options.init == Initialization::automatic;
@@ -190,8 +190,8 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   Portfolio portfolio;
   if (compares && go_on()) {
     const double loss_noises = default_scale(loss.kind, freedom);
-    portfolio = find_stories(run, part.graph(), loss_noises, reweighted.rotations, noise,
-                             approach.was_grown);
+    portfolio =
+        find_stories(run, part.graph(), loss_noises, reweighted.rotations, noise, approach.grown);
     if (portfolio.replaced) {
       noise = portfolio.best.noise;
       if (robust.scale == 0.0) loss.scale = loss_noises * noise;

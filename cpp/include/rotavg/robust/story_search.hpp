@@ -112,6 +112,32 @@ class StorySearch {
     attempt_tree(start, key, ballots, Role::alternative);
   }
 
+  /// The answer with the least objective, at one scale, is the best, where there is no evidence to
+  /// choose by; others whose objective is half as much again are no answers.
+  void choose_by_objective() {
+    constexpr double gain = 1e-4, far = 1.5;
+    constexpr int limit = 20;
+    const RobustLoss loss{Loss::cauchy, loss_noises_ * scale_};
+    std::vector<double> objective;
+    for (Story& story : stories_) {
+      IterationResult settled = run_.reweighted(story.rotations, loss, gain, limit);
+      if (!goes_on()) return;
+      objective.push_back(settled.objective);
+      story.rotations = std::move(settled.rotations);
+      story.noise = scale_;
+      units_of(story);
+    }
+    const auto least = std::min_element(objective.begin(), objective.end());
+    std::vector<Story> kept;
+    for (std::size_t k = 0; k < stories_.size(); ++k) {
+      const bool is_best = objective[k] == *least;
+      if (is_best) best_ = kept.size();
+      if (is_best) replaced_ = k != 0;
+      if (objective[k] <= far * *least) kept.push_back(std::move(stories_[k]));
+    }
+    stories_ = std::move(kept);
+  }
+
   /// Of parts that a single edge holds the best answer takes the likely place.
   void turn_sides() {
     constexpr int most_turns = 3;
@@ -131,11 +157,17 @@ class StorySearch {
     const std::vector<Rotations> elsewhere = other_places(
         graph_, run_.precision(), run_.squared_residuals_at(best().rotations),
         outlier_noises * scale_, best().rotations, few_cameras * graph_.num_nodes(), most_places);
-    for (const Rotations& placed : elsewhere) {
-      Story story{"another edge that would hold a part", placed, scale_, {}};
-      units_of(story);
-      if (!is_known(story)) stories_.push_back(std::move(story));
-    }
+    for (const Rotations& placed : elsewhere) add("another edge that would hold a part", placed);
+  }
+  /// Another start that can only be one more answer.
+  void add(const char* start, Rotations from, const std::vector<double>& ballots) {
+    attempt(start, std::move(from), ballots, Start::met_by_many, Role::alternative);
+  }
+  /// One more answer, as it is.
+  void add(const char* start, Rotations R) {
+    Story story{start, std::move(R), scale_, {}};
+    units_of(story);
+    if (!is_known(story)) stories_.push_back(std::move(story));
   }
 
   /// What was found; this object is used up.
