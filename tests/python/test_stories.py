@@ -305,7 +305,7 @@ def ring_of_alike(seed: int, n: int = 300, copies: int = 6) -> tuple[rotavg.Meas
 
 
 def test_sides_that_look_alike_are_mostly_told_apart_whatever_their_matches_say() -> None:
-    graphs, right, silent = 8, 0, 0
+    graphs, right, silent = 16, 0, 0
     for seed in range(SEED, SEED + graphs):
         graph, truth = ring_of_alike(seed)
         solution = rotavg.solve(graph, loss="auto", certify=False)
@@ -314,8 +314,8 @@ def test_sides_that_look_alike_are_mostly_told_apart_whatever_their_matches_say(
         silent += not is_right and not solution.robust.alternatives
     # Of seeds 0 to 39 22 are right, and 3 are wrong without a word; without the edges that are
     # strongest whatever they weigh, and doubts about rejected edges that weigh as much, 10 and 19.
-    assert right >= 2, f"from seed {SEED}: {right} of {graphs} are right"
-    assert silent <= 3, f"from seed {SEED}: {silent} of {graphs} are wrong without a word"
+    assert right >= 4, f"from seed {SEED}: {right} of {graphs} are right"
+    assert silent <= 4, f"from seed {SEED}: {silent} of {graphs} are wrong without a word"
 
 
 def test_from_a_robust_solution_it_goes_on() -> None:
