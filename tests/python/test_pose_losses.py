@@ -362,6 +362,7 @@ def test_the_command_says_how_well_translations_fit(tmp_path: Path, garage: Any)
         (("--refine-poses", "--pose-loss-scale", "3"), "--pose-loss-scale is for --pose-loss"),
         (("--refine-poses", "--pose-loss", "tls", "--pose-loss-scale", "x"), "neither 'auto' nor"),
         (("--refine-poses", "--pose-loss", "tls", "--pose-loss-scale", "-1"), "neither 'auto' nor"),
+        (("--refine-poses", "--trust-odometry"), "--trust-odometry is for --loss or --pose-loss"),
     ],
 )
 def test_idle_options_are_refused(options: tuple[str, ...], said: str, tmp_path: Path) -> None:
@@ -370,3 +371,14 @@ def test_idle_options_are_refused(options: tuple[str, ...], said: str, tmp_path:
     failed = run("solve", path, *options).exception
     assert isinstance(failed, click.ClickException)
     assert said in failed.message
+
+
+def test_odometry_is_trusted_with_a_loss_of_the_poses_alone(tmp_path: Path) -> None:
+    graph = pose_graph(40, seed=11)[0]
+    steps = np.flatnonzero(np.abs(np.diff(graph.indices, axis=1)[:, 0]) == 1)
+    path, edges = tmp_path / "in.g2o", tmp_path / "edges.csv"
+    rotavg.write(path, contaminated(graph, steps[:1], np.array([50.0, 0, 0])))
+    options = ("--refine-poses", "--pose-loss", "tls", "--edges", edges)
+    assert run("solve", path, *options, "--trust-odometry").exit_code == 0
+    trusting = rotavg.refine_poses(rotavg.solve(rotavg.read(path)), loss="tls", trusted="odometry")
+    assert (trusting.edge_shares[steps] == 1).all()
