@@ -143,7 +143,10 @@ class RobustRun {
            std::all_of(trusting_.begin(), trusting_.end(), [](double one) { return one == 0.0; });
   }
   /// Whether some edges weigh more, as more precise ones do.
-  bool has_own_units() const { return !units_.voices.empty(); }
+  bool has_own_units() const {
+    const auto [least, most] = std::minmax_element(given_.begin(), given_.end());
+    return !units_.voices.empty() && *least < *most;
+  }
 
   SolveOptions stage(int max_iterations) const {
     SolveOptions stage = options_;
