@@ -173,7 +173,7 @@ def refine_poses(
     graph = solution.graph
     shares = solution.edge_weights / graph.weights
     trust = trusted_edges(graph, loss, trusted)
-    if loss != "l2" and trusted is None and solution.edge_verdicts is not None:
+    if loss != "l2" and trusted is None:
         trust = solution.edge_verdicts == "trusted"
     if loss != "l2":  # a sharp loss leaves right edges a tenth or all, which is no information
         shares = np.where(solution.is_outlier, LEAST_SHARE, 1.0)

@@ -39,10 +39,11 @@ def strained_trust(solution: Solved) -> str | None:
     if robust is None:
         return None
     trusted = robust.edge_verdicts == "trusted"
-    # In units of their own precision, of edges that are less precise than the median one.
-    reach = (
-        _FAR * robust.threshold * np.sqrt(np.maximum(1, np.median(graph.weights) / graph.weights))
-    )
+    if not trusted.any():
+        return None
+    # The threshold is that of the median weight; what is less precise may lie further off.
+    unit = np.median(graph.weights[robust.edge_verdicts != "excluded"])
+    reach = _FAR * robust.threshold * np.sqrt(np.maximum(1, unit / graph.weights))
     far = trusted & (solution.residual_angles > reach)
     if not far.any():
         return None
