@@ -104,7 +104,8 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
                double loss_scale, double cycle_threshold, int min_cycles,
                const std::string& weight_kind, const std::optional<Mask>& trusted,
                const std::optional<Mask>& excluded, const std::optional<DoubleArray>& edge_scales,
-               const std::optional<DoubleArray>& initial_weights, bool robust_priors,
+               const std::optional<DoubleArray>& initial_weights,
+               const std::optional<Mask>& odometry, bool robust_priors,
                const rotavg::GroundedGraph* priors, bool start_is_solution,
                const rotavg::Rigs* rigs, const rotavg::Priors* rig_priors) {
   SignalCheck signals;
@@ -123,14 +124,14 @@ py::dict solve(const rotavg::MeasurementGraph& graph, const std::string& method,
   options.iteration.stop = value_of<rotavg::StopRule>(stop);
   std::optional<rotavg::Rotations> R;
   if (start) R = to_rotations(*start, "init");
-  const rotavg::RobustOptions robust{
-      value_of<rotavg::Loss>(loss),
-      loss_scale,
-      cycle_threshold,
-      min_cycles,
-      value_of<rotavg::WeightKind>(weight_kind),
-      {to_mask(trusted), to_mask(excluded), to_doubles(edge_scales), to_doubles(initial_weights)},
-      robust_priors};
+  const rotavg::RobustOptions robust{value_of<rotavg::Loss>(loss),
+                                     loss_scale,
+                                     cycle_threshold,
+                                     min_cycles,
+                                     value_of<rotavg::WeightKind>(weight_kind),
+                                     {to_mask(trusted), to_mask(excluded), to_doubles(edge_scales),
+                                      to_doubles(initial_weights), to_mask(odometry)},
+                                     robust_priors};
   const bool plain = robust.loss == rotavg::Loss::l2 && cycle_threshold == 0.0 && !excluded;
   rotavg::RigSolution solution;
   {
@@ -223,8 +224,9 @@ void bind_solve(py::module_& m) {
         py::arg("certificate_seed"), py::arg("certificate_max_flops"), py::arg("callback"),
         py::arg("loss"), py::arg("loss_scale"), py::arg("cycle_threshold"), py::arg("min_cycles"),
         py::arg("weight_kind"), py::arg("trusted"), py::arg("excluded"), py::arg("edge_scales"),
-        py::arg("initial_weights"), py::arg("robust_priors"), py::arg("priors").none(true),
-        py::arg("start_is_solution"), py::arg("rigs").none(true), py::arg("rig_priors").none(true));
+        py::arg("initial_weights"), py::arg("odometry"), py::arg("robust_priors"),
+        py::arg("priors").none(true), py::arg("start_is_solution"), py::arg("rigs").none(true),
+        py::arg("rig_priors").none(true));
   m.def("refine_anisotropic", &refine_anisotropic, py::arg("graph"), py::arg("information"),
         py::arg("rotations"), py::kw_only(), py::arg("tolerance"), py::arg("max_iterations"),
         py::arg("time_limit"), py::arg("num_threads"), py::arg("callback"),

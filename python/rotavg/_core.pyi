@@ -213,6 +213,7 @@ def solve(
     excluded: NDArray[np.bool_] | None,
     edge_scales: NDArray[np.float64] | None,
     initial_weights: NDArray[np.float64] | None,
+    odometry: NDArray[np.bool_] | None,
     robust_priors: bool,
     priors: GroundedGraph | None,
     start_is_solution: bool,

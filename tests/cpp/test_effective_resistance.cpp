@@ -97,3 +97,39 @@ TEST_CASE("effective resistances of several components, and none where the facto
   const MeasurementGraph grid = simulate_graph(random, test::grid(60, 60), 1.0);
   CHECK_FALSE(effective_resistances(grid, {{0, 4}}, 1e12, 1, stop).has_value());
 }
+
+TEST_CASE(
+    "the resistance between an edge's ends, exactly: of trees 1 / weight, else the Laplacian's") {
+  Random random;
+  INFO(random.replay());
+  for (int round = 0; round < 20; ++round) {
+    auto measurements = test::simulate(random, test::random_connected(random, 15, 25), 1.0);
+    for (RelativeRotation& m : measurements) m.weight = std::pow(10.0, random.uniform(-2.0, 2.0));
+    for (const RelativeRotation& m : test::simulate(random, test::path(5), 1.0)) {
+      measurements.push_back({m.i + 100, m.j + 100, m.i_from_j, 4.0});  // another component
+    }
+    const MeasurementGraph graph(measurements);
+    const auto found = edge_resistances(graph, 1e9, 1);
+    REQUIRE(found.has_value());
+    const Index n = graph.num_nodes();
+    Eigen::MatrixXd L = Eigen::MatrixXd::Zero(n, n);
+    for (const Edge& e : graph.edges()) {
+      L(e.i, e.i) += e.weight;
+      L(e.j, e.j) += e.weight;
+      L(e.i, e.j) -= e.weight;
+      L(e.j, e.i) -= e.weight;
+    }
+    for (Index i = 0; i < n; ++i) {  // + 1 1^T of each component: regular, and the same
+      for (Index j = 0; j < n; ++j) {
+        if ((graph.nodes()[i] < 100) == (graph.nodes()[j] < 100)) L(i, j) += 1.0;
+      }
+    }
+    const Eigen::MatrixXd inverse = L.llt().solve(Eigen::MatrixXd::Identity(n, n));
+    for (Index k = 0; k < graph.num_edges(); ++k) {
+      const Edge& e = graph.edges()[k];
+      const double exact = inverse(e.i, e.i) + inverse(e.j, e.j) - 2.0 * inverse(e.i, e.j);
+      CHECK((*found)[k] == doctest::Approx(exact).epsilon(1e-8));
+      if (e.weight == 4.0) CHECK((*found)[k] == doctest::Approx(0.25).epsilon(1e-12));
+    }
+  }
+}

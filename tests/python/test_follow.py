@@ -15,6 +15,7 @@ from click.testing import CliRunner
 
 import rotavg
 from rotavg.cli.main import commands
+from rotavg.graph.conventions import quaternions_from_matrices
 
 INFORMATION = "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 4 0 0 4 0 4"
 
@@ -63,6 +64,45 @@ def test_follow_prints_a_line_for_every_edge(tmp_path: Path) -> None:
     strict = CliRunner().invoke(commands, ["solve", "--follow", str(file)])
     steps = [json.loads(run.output.splitlines()[-1]) for run in (waits, strict)]
     assert steps[0]["objective"] > steps[1]["objective"] * (1 + 1e-6)
+
+
+def test_every_line_tells_the_newest_pose(tmp_path: Path) -> None:
+    file = tmp_path / "robot.g2o"
+    file.write_text("".join(LINES))
+    result = CliRunner().invoke(commands, ["solve", "--follow", str(file)])
+    states = [json.loads(text) for text in result.output.splitlines()]
+    assert [s["rotation"]["node"] for s in states] == [1, 2, 2]
+    first, _, last = (np.array(s["rotation"]["xyzw"]) for s in states)
+    np.testing.assert_allclose(first, [0, 0, np.sin(0.5), np.cos(0.5)], atol=1e-12)
+    solution = rotavg.solve(rotavg.read(file))
+    expected = quaternions_from_matrices(solution[0].T @ solution[2])
+    assert abs(last @ expected) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_trusted_edges_are_named(tmp_path: Path) -> None:
+    """A wrong step that is not trusted is rejected; without the file it is odometry."""
+    file, trusted = tmp_path / "robot.g2o", tmp_path / "trusted.txt"
+    ways = [(0, 1, 0.1), (1, 2, 0.1), (2, 3, 1.5), (0, 2, 0.2), (2, 4, 0.2), (0, 4, 0.4)]
+    ways += [(3, 4, 0.1), (1, 3, 0.2), (0, 3, 0.3)]
+    file.write_text("".join(line(*way) for way in ways))
+    trusted.write_text("0 1\n1 2\n4 2\n")
+    robust = ["solve", "--follow", str(file), "--loss", "tls", "--loss-scale", "10"]
+    named = CliRunner().invoke(commands, [*robust, "--trusted", str(trusted)])
+    assert json.loads(named.output.splitlines()[-1])["outliers"] == 1
+    both = CliRunner().invoke(commands, [*robust, "--trusted", str(trusted), "--trust-odometry"])
+    by_ids = CliRunner().invoke(commands, robust)
+    states = [json.loads(run.output.splitlines()[-1]) for run in (both, by_ids)]
+    assert states[0]["objective"] > 0.1  # 2 -> 4 and the wrong step contradict each other
+    assert states[1]["outliers"] > 1  # of the closures: that step is believed
+    refused = CliRunner().invoke(
+        commands, ["solve", "--follow", str(file), "--trusted", str(trusted)]
+    )
+    assert refused.exit_code == 2
+    assert "--trusted is for --loss" in refused.output
+    trusted.write_text("0 1\na b\n")
+    wrong = CliRunner().invoke(commands, [*robust, "--trusted", str(trusted)])
+    assert isinstance(wrong.exception, rotavg.FormatError)
+    assert "trusted.txt:2: found an edge between 'a' and 'b'" in str(wrong.exception)
 
 
 @pytest.mark.parametrize(

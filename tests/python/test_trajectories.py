@@ -51,6 +51,69 @@ def test_odometry_by_name() -> None:
         rotavg.solve(names, loss="tls", trusted="odometry")
 
 
+def places_taken_for_others(
+    rng: np.random.Generator, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A walk, 80 right closures, four runs of ten that agree: edges, R, weights, wrong, T."""
+    steps = matrices_from_rotvecs(rng.normal(0, 0.2, (count - 1, 3)))
+    truth = [np.eye(3)]
+    for step in steps:
+        truth.append(truth[-1] @ step)
+    T = np.array(truth)
+    odometry = [(k, k + 1) for k in range(count - 1)]
+    closures = [tuple(sorted(rng.choice(count, 2, replace=False).tolist())) for _ in range(80)]
+    starts = [
+        (int(rng.integers(count // 3)), int(rng.integers(count // 2, count - 12))) for _ in range(4)
+    ]
+    runs = [(i + k, j + k) for i, j in starts for k in range(10)]
+    edges = np.array(odometry + closures + runs)
+    wrong = np.arange(len(edges)) >= len(edges) - len(runs)
+    sigma = np.where(np.arange(len(edges)) < count - 1, 0.005, 0.02)
+    turn = np.repeat(matrices_from_rotvecs(rng.normal(0, 1, (4, 3))), 10, axis=0)
+    i, j = edges.T
+    noise = matrices_from_rotvecs(rng.normal(size=(len(edges), 3)) * sigma[:, None])
+    R = np.swapaxes(T[i], 1, 2) @ T[j]
+    R[wrong] = np.swapaxes(T[i[wrong]], 1, 2) @ turn @ T[j[wrong]]
+    return edges, R @ noise, 0.5 / sigma**2, wrong, T
+
+
+def test_odometry_is_favoured_where_ids_say_so_and_nothing_was_said() -> None:
+    print(f"replay with ROTAVG_TEST_SEED={SEED}")
+    rng = np.random.default_rng(SEED)
+    edges, R, weights, wrong, T = places_taken_for_others(rng, 500)
+    graph = rotavg.MeasurementGraph(edges, R, weights)
+    steps = edges[:, 1] - edges[:, 0] == 1
+    right = rotavg.MeasurementGraph(edges[~wrong], R[~wrong], weights[~wrong])
+    least = rotavg.compare(rotavg.solve(right), T).mean
+    favoured = rotavg.solve(graph, loss="auto")
+    off = rotavg.compare(favoured, T).mean
+    assert off < 2 * least + 0.02
+    assert not favoured.is_outlier[steps].any()
+    assert favoured.is_outlier[wrong].all()
+    assert not (favoured.edge_verdicts == "trusted").any()
+    # All alike, closures that agree bend the chain; so do they where ids are names.
+    alike = rotavg.solve(graph, loss="auto", trusted=[])
+    assert rotavg.compare(alike, T).mean > 2 * off
+    names = rotavg.MeasurementGraph([[f"{i:03d}", f"{j:03d}"] for i, j in edges], R, weights)
+    named = rotavg.solve(names, loss="auto")
+    assert np.array_equal(named.edge_verdicts, alike.edge_verdicts)
+    # Numbers in steps of three are no trajectory, either; whatever order edges and nodes come in.
+    spread = rotavg.solve(rotavg.MeasurementGraph(3 * edges, R, weights), loss="auto")
+    assert np.array_equal(spread.edge_verdicts, alike.edge_verdicts)
+
+
+def test_a_step_that_is_excluded_is_not_favoured() -> None:
+    graph = rotavg.simulate("sphere", n=60, noise=0.01, seed=3).graph
+    step = (graph.edges == (30, 31)).all(axis=1)
+    rotations = graph.rotations.copy()
+    rotations[step] = rotations[step] @ matrices_from_rotvecs(np.array([[2.0, 0.0, 0.0]]))
+    wrong = rotavg.MeasurementGraph(graph.edges, rotations)
+    for loss in ("auto", "tls"):
+        solution = rotavg.solve(wrong, loss=loss, excluded=[(30, 31)])
+        assert solution.edge_verdicts[step] == "excluded"
+        assert solution.is_outlier.sum() == 1
+
+
 def test_the_scale_that_is_told_is_that_of_the_median_weight() -> None:
     graph = rotavg.simulate("sphere", n=60, noise=0.01, seed=3).graph
     steps = graph.edges[:, 1] - graph.edges[:, 0] == 1

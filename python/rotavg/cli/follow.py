@@ -9,13 +9,17 @@ from pathlib import Path
 from typing import Any, BinaryIO, Callable, TypeVar
 
 import click
+import numpy as np
+from numpy.typing import NDArray
 
 import rotavg
 from rotavg.cli.followed import Followed
+from rotavg.cli.known_edges import numbered_pairs
 from rotavg.cli.options import typed
 from rotavg.cli.output import beside_files, print_text
+from rotavg.graph.conventions import quaternions_from_matrices
 from rotavg.io import check_writable
-from rotavg.io.g2o_stream import edge_lines
+from rotavg.io.g2o_stream import EdgeLine, edge_lines
 from rotavg.io.streams import open_input
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -23,7 +27,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 # The options of `rotavg solve` that it has a use for.
 KNOWN = {"input_path", "follow", "as_json", "unit_weights", "certificate_tolerance"}
 KNOWN |= {"tolerance", "loss", "loss_scale", "output", "output_format"}
-KNOWN |= {"trust_odometry"}  # as it is trusted by default here
+KNOWN |= {"trusted_path", "trust_odometry"}  # odometry is trusted, unless others are named
 
 
 def follow_option(command: F) -> F:
@@ -34,7 +38,8 @@ def follow_option(command: F) -> F:
         help="Read the lines of a g2o file as they come (INPUT - is standard input), and print one "
         "line of JSON after every edge: the optimum so far, and whether it is proved. With it "
         "--tolerance is a part of the objective (1e-10 if none is given): what is proved to gain "
-        "less waits. -o writes the last solution at the end, also after Ctrl-C.",
+        "less waits. Edges between consecutive ids are trusted, or with --trusted those that it "
+        "names. -o writes the last solution at the end, also after Ctrl-C.",
     )
     return option(command)
 
@@ -63,6 +68,9 @@ def follow_input(input_path: Path, settings: dict[str, Any], loss_scale: float |
         raise click.UsageError("--loss auto is not possible with --follow: name a loss")
     if loss != "l2" and loss_scale is None:
         raise click.UsageError("--follow needs a --loss-scale with --loss, in degrees")
+    if loss == "l2" and settings["trusted_path"] is not None:
+        raise click.UsageError("--trusted is for --loss, which is not given or l2")
+    trust = _Trust(settings["trusted_path"], settings["trust_odometry"])
     tolerance = {"tolerance": settings["tolerance"]} if "tolerance" in typed() else {}
     online = rotavg.Online(
         **tolerance,
@@ -73,7 +81,7 @@ def follow_input(input_path: Path, settings: dict[str, Any], loss_scale: float |
     followed = None if output is None else Followed(input_path, settings["unit_weights"])
     try:
         with open_input(input_path) as file, beside_files(output):
-            _follow(online, input_path, file, settings["unit_weights"], followed)
+            _follow(online, input_path, file, settings["unit_weights"], trust, followed)
     except OSError as error:
         if isinstance(error, rotavg.Error):
             raise
@@ -88,11 +96,28 @@ def follow_input(input_path: Path, settings: dict[str, Any], loss_scale: float |
     return 0 if online.verdict == rotavg.Verdict.PROVED else 1
 
 
+class _Trust:
+    """Which edges a robust loss leaves alone: those of a file, or between consecutive ids."""
+
+    def __init__(self, path: Path | None, odometry: bool) -> None:
+        self._odometry = odometry
+        self._pairs = None if path is None else numbered_pairs(path, "trusted")
+
+    def __call__(self, edge: EdgeLine) -> NDArray[np.bool_] | None:
+        """(1,), or None: as `Online.add` has it."""
+        if self._pairs is None:
+            return None
+        i, j = edge.ids[0].tolist()
+        named = (min(i, j), max(i, j)) in self._pairs
+        return np.array([named or (self._odometry and abs(i - j) == 1)])
+
+
 def _follow(
     online: rotavg.Online,
     path: Path,
     file: BinaryIO,
     unit_weights: bool,
+    trust: _Trust,
     followed: Followed | None,
 ) -> None:
     lines: Iterator[bytes] = iter(file.readline, b"")
@@ -103,20 +128,25 @@ def _follow(
         try:
             if followed is not None:
                 followed.check(edge)
-            online.add(edge.ids, edge.rotations, edge.weights)
+            online.add(edge.ids, edge.rotations, edge.weights, trusted=trust(edge))
         except rotavg.GraphError as error:
             raise rotavg.FormatError(str(error), path=path, line=edge.line) from None
         if followed is not None:
             followed.add(edge)
         seconds = time.perf_counter() - began
-        print_text(json.dumps(_state(online, step, edge.line, seconds)))
+        print_text(json.dumps(_state(online, step, edge, seconds)))
 
 
-def _state(online: rotavg.Online, step: int, line: int, seconds: float) -> dict[str, Any]:
+def _state(online: rotavg.Online, step: int, edge: EdgeLine, seconds: float) -> dict[str, Any]:
     state = online.state
+    newest = int(edge.ids.max())
     return {
         "step": step,
-        "line": line,
+        "line": edge.line,
+        "rotation": {
+            "node": newest,
+            "xyzw": quaternions_from_matrices(online[newest]).tolist(),
+        },
         "nodes": state.num_nodes,
         "edges": state.num_edges,
         "components": state.num_components,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -95,19 +96,34 @@ def read_known_edges(
     return {"trusted": trust, "excluded": leave_out}
 
 
+def numbered_pairs(path: Path, column: str) -> set[tuple[int, int]]:
+    """Of nodes that are numbers, the smaller one first.
+
+    Raises FormatError where the file holds anything else.
+    """
+    named, lines = read_edge_list(path, column)
+    return {(min(i, j), max(i, j)) for i, j in _numbers(path, named, lines)}
+
+
+def _numbers(
+    path: Path, named: Sequence[tuple[str, str]], lines: Sequence[int]
+) -> list[tuple[int, int]]:
+    pairs = []
+    for row, (i, j) in enumerate(named):
+        try:
+            pairs.append((integer(i), integer(j)))
+        except ValueError:
+            found = f"found an edge between {i!r} and {j!r}"
+            expected = "but the nodes of the graph are numbers"
+            raise rotavg.FormatError(f"{found}, {expected}", path=path, line=lines[row]) from None
+    return pairs
+
+
 def _mask(graph: rotavg.MeasurementGraph, path: Path, column: str) -> NDArray[np.bool_]:
     named, lines = read_edge_list(path, column)
     pairs: list[tuple[Any, Any]] = [*named]
     if graph.nodes.dtype.kind != "U":
-        for row, (i, j) in enumerate(named):
-            try:
-                pairs[row] = integer(i), integer(j)
-            except ValueError:
-                found = f"found an edge between {i!r} and {j!r}"
-                expected = "but the nodes of the graph are numbers"
-                raise rotavg.FormatError(
-                    f"{found}, {expected}", path=path, line=lines[row]
-                ) from None
+        pairs = _numbers(path, named, lines)
     with blame_line(path, lines):
         mask = edge_mask(graph, "it", pairs)
     assert mask is not None

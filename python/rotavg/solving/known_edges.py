@@ -12,6 +12,8 @@ from rotavg.base.errors import GraphError, OptionError, expect
 from rotavg.graph.ids import as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 
+_MOST = 0.9  # of the steps from one node to the next, where a graph is a trajectory
+
 
 def known_edges(
     graph: MeasurementGraph,
@@ -36,8 +38,12 @@ def known_edges(
     if trust is not None and left_out is not None and (trust & left_out).any():
         i, j = graph.edges[np.argmax(trust & left_out)].tolist()
         raise OptionError(f"the edge ({i!r}, {j!r}) is both trusted and excluded")
+    likely = None
+    if loss != "l2" and trusted is None and is_trajectory(graph):
+        likely = is_step(graph) if left_out is None else is_step(graph) & ~left_out
     return {
         "trusted": trust,
+        "odometry": likely,
         "excluded": left_out,
         "edge_scales": edge_values(graph, "edge_scales", edge_scales, 1e-50, 1e50),
         "initial_weights": edge_values(graph, "initial_weights", initial_weights, 0.0, 1.0),
@@ -117,6 +123,14 @@ def odometry(graph: MeasurementGraph) -> NDArray[np.bool_]:
             "no edge joins consecutive numbers; name the edges of odometry (trusted=, --trusted)"
         )
     return mask
+
+
+def is_trajectory(graph: MeasurementGraph) -> bool:
+    """Whether nearly every node is joined to that of the next number, as a robot's poses are."""
+    if graph.nodes.dtype.kind == "U" or graph.num_nodes < 3:
+        return False
+    steps = np.unique(np.sort(graph.edges[is_step(graph)], axis=1), axis=0)
+    return len(steps) >= _MOST * (graph.num_nodes - 1)
 
 
 def is_step(graph: MeasurementGraph) -> NDArray[np.bool_]:

@@ -143,7 +143,9 @@ def solve(
             measured; all residuals are judged alike, and a heavy edge has as many votes. "auto" is
             "precision" (docs/robust.md has the measurements).
         trusted: edges that a robust loss does not touch: "odometry", those between consecutive
-            integers; or a mask (m,), or pairs of nodes (k, 2).
+            integers; or a mask (m,), or pairs of nodes (k, 2). By default none; but where nearly
+            all nodes are joined to those of the next integers, "auto" counts these edges as six
+            others, for they are hardly ever wrong (docs/robust.md, Trajectories): not with [].
         excluded: edges to leave out, likewise (but for a weight that keeps the graph connected).
         edge_scales: (m,) factors by which the scale of the loss and the threshold of outliers
             differ from edge to edge, instead of what the weights say.

@@ -4,20 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotavg.graph.measurement_graph import MeasurementGraph
-from rotavg.solving.known_edges import is_step
+from rotavg.solving.known_edges import is_step, is_trajectory
 from rotavg.solving.solved import Solved
 
-_MOST = 0.9  # of the steps from one node to the next
 _FAR = 3.0  # times the threshold of outliers
-
-
-def is_trajectory(graph: MeasurementGraph) -> bool:
-    """Whether nearly every node is joined to that of the next number, as a robot's poses are."""
-    if graph.nodes.dtype.kind == "U" or graph.num_nodes < 3:
-        return False
-    steps = np.unique(np.sort(graph.edges[is_step(graph)], axis=1), axis=0)
-    return len(steps) >= _MOST * (graph.num_nodes - 1)
 
 
 def doubted_odometry(solution: Solved) -> str | None:

@@ -73,6 +73,12 @@ class CheckedPart {
   std::vector<Value> of_edges(const std::vector<Value>& all) const {
     return all.empty() ? all : gather(all, edges_);
   }
+  /// The other way round: edges of the whole graph (m,) that are in the part, and chosen there.
+  std::vector<bool> of_whole(const std::vector<bool>& chosen) const {
+    std::vector<bool> all(graph_.edges().size(), false);
+    for (std::size_t p = 0; p < edges_.size(); ++p) all[edges_[p]] = chosen[p];
+    return all;
+  }
   Rotations of_nodes(const Rotations& all) const { return gather(all, nodes_); }
 
   /// Rotations of the whole graph from those of the part: what hangs on a bridge is turned, as a

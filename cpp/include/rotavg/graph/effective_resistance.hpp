@@ -15,6 +15,7 @@
 #include <rotavg/graph/laplacian.hpp>
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/linalg/block_cholesky.hpp>
+#include <rotavg/linalg/selected_inverse.hpp>
 #include <rotavg/types.hpp>
 
 #pragma GCC diagnostic push
@@ -68,6 +69,42 @@ inline std::optional<std::vector<double>> effective_resistances(
   resistances.reserve(pairs.size());
   for (const auto& [i, j] : pairs) {
     resistances.push_back((Y.col(i) - Y.col(j)).squaredNorm() / samples);
+  }
+  return resistances;
+}
+
+/// The effective resistances (m,) between the ends of every edge, exactly: from the entries of the
+/// inverse where the factor has some. Of least squares, 1 / weight less this is the variance of the
+/// edge's own residual, per axis and unit variance of the noise; zero of a bridge.
+///
+/// @param max_flops, keep_going as above
+inline std::optional<std::vector<double>> edge_resistances(
+    const MeasurementGraph& graph, double max_flops, int num_threads,
+    const std::function<bool()>& keep_going = {}) {
+  const Components components = connected_components(graph);
+  std::vector<double> resistances(graph.edges().size(), 0.0);
+  for (Elimination& elimination : grounded_eliminations(graph, components, num_threads)) {
+    if (elimination.size() == 0) continue;
+    if (elimination.flops(1, max_flops) > max_flops) return std::nullopt;
+    BlockCholesky<1> cholesky(elimination.symbolic(), num_threads);
+    if (cholesky.factorize(grounded_laplacian(graph, elimination), 0.0, keep_going) !=
+        CholeskyOutcome::positive_definite) {
+      return std::nullopt;
+    }
+    const SelectedInverse<1> inverse(cholesky, keep_going);
+    if (inverse.stopped()) return std::nullopt;
+    const auto row = [&](Index i) {
+      return i == elimination.root() ? -1 : components.row_in_component[i] - elimination.skipped();
+    };
+    for (Index k = 0; k < graph.num_edges(); ++k) {
+      const Edge& e = graph.edges()[k];
+      if (components.label[e.i] != elimination.component()) continue;
+      const Index a = row(e.i), b = row(e.j);
+      const auto entry = [&](Index c, Index d) {
+        return c < 0 || d < 0 ? 0.0 : inverse(c, d)(0, 0);
+      };
+      resistances[k] = entry(a, a) + entry(b, b) - 2.0 * entry(a, b);
+    }
   }
   return resistances;
 }

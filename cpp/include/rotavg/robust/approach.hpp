@@ -8,6 +8,7 @@
 
 #include <rotavg/graph/checked_part.hpp>
 #include <rotavg/init/maximum_spanning_tree.hpp>
+#include <rotavg/robust/agreeing_closures.hpp>
 #include <rotavg/robust/consensus.hpp>
 #include <rotavg/robust/growing.hpp>
 #include <rotavg/robust/loss.hpp>
@@ -55,8 +56,11 @@ struct Approach {
   bool from_chordal = false, from_tree = false;
   /// Where grown_from_tree() has led, if it was one of the starts.
   std::optional<Rotations> grown;
-  double prepared = 0.0;  ///< seconds of the run, before the loss
-  std::string manner;     ///< how l1 was judged, in words, where that is not as usual
+  /// Another answer, which bends odometry where this one does not, or the other way round.
+  std::optional<Rotations> given_up;
+  std::vector<bool> favoured;  ///< odometry (m,) that the loss has favoured, or empty
+  double prepared = 0.0;       ///< seconds of the run, before the loss
+  std::string manner;          ///< how l1 was judged, in words, where that is not as usual
 };
 
 inline Approach approach(RobustRun& run, const CheckedPart& part, const Rotations& start,
@@ -103,12 +107,22 @@ inline bool is_chain(const MeasurementGraph& graph, Index num_cycles) {
   return num_cycles > 0 && num_cycles <= hardly_any * graph.num_edges();
 }
 
+/// The objective at a loss: what has settled at a larger scale is not at its least at a smaller
+/// one, and goes on for a little.
+inline double objective_at(RobustRun& run, const Settling& settled, const RobustLoss& loss) {
+  constexpr double fair_gain = 1e-3;
+  constexpr int fair_limit = 10;
+  if (settled.loss.scale <= loss.scale) return run.objective_at(settled.result.rotations, loss);
+  return run.reweighted(settled.result.rotations, loss, fair_gain, fair_limit).objective;
+}
+
 /// The approach that ends with the least objective, at the smaller of two scales: l1 gives every
 /// edge one voice, since a precision may be wrong, but for trusted edges. These it takes at their
 /// word, which holds a chain so stiffly that right closures may seem wrong; so it is tried without
 /// trust, too, and, where precisions differ and there is trust or a chain, with the precisions as
-/// they are. Edges that bear one another out are a start as well, with trust, and where precisions
-/// differ and there is a chain, or edges are few and many contradict.
+/// they are. With trust closures that agree with one another are a start, too; edges that bear one
+/// another out are a start as well, with trust, and where precisions differ and there is a chain,
+/// or edges are few and many contradict.
 inline Approach best_approach(RobustRun& run, const CheckedPart& part, const Rotations& start,
                               const RobustLoss& asked, const ApproachOptions& rules) {
   const MeasurementGraph& graph = part.graph();
@@ -116,13 +130,7 @@ inline Approach best_approach(RobustRun& run, const CheckedPart& part, const Rot
   if (rules.knows_weights || rules.starts_near || asked.kind == Loss::l2 || run.trusts_all()) {
     return best;
   }
-  constexpr double fair_gain = 1e-3;
-  constexpr int fair_limit = 10, brief_limit = 30;
-  // What settled at a larger scale is not at its least at a smaller one.
-  const auto objective = [&](const Settling& settled, const RobustLoss& loss) {
-    if (settled.loss.scale <= loss.scale) return run.objective_at(settled.result.rotations, loss);
-    return run.reweighted(settled.result.rotations, loss, fair_gain, fair_limit).objective;
-  };
+  constexpr int brief_limit = 30;
   const auto try_with = [&](const Rotations& R, bool from_tree, Judging judging,
                             const ApproachOptions& by, const char* manner) -> Rotations {
     if (run.ended() != Status::not_run) return R;
@@ -131,7 +139,7 @@ inline Approach best_approach(RobustRun& run, const CheckedPart& part, const Rot
     Rotations led_to = other.settled.result.rotations;
     RobustLoss loss = best.settled.loss;
     loss.scale = std::min(loss.scale, other.settled.loss.scale);
-    if (objective(other.settled, loss) < objective(best.settled, loss)) {
+    if (objective_at(run, other.settled, loss) < objective_at(run, best.settled, loss)) {
       best = std::move(other);
       best.manner = manner;
     }
@@ -152,12 +160,18 @@ inline Approach best_approach(RobustRun& run, const CheckedPart& part, const Rot
     return has_few_edges(graph) && many_contradict(run, best.settled.result.rotations);
   };
   const bool grows = trusts || (run.has_own_units() && (chain || is_doubtful()));
+  ApproachOptions near = rules;
+  near.starts_near = true;
+  near.starts_freely = false;
+  near.most_reweightings = std::min(rules.most_reweightings, brief_limit);
+  if (trusts && run.ended() == Status::not_run) {
+    const auto closures =
+        agreeing_closures(graph, run.trusted(), run.free_precision(), best.settled.noise);
+    try_with(run.agreed_by(closures), false, Judging::freely_in_own_units, near,
+             ", from closures that agree with one another,");
+  }
   if (grows && run.ended() == Status::not_run) {
     if (const auto grown = grown_from_tree(run, graph)) {
-      ApproachOptions near = rules;
-      near.starts_near = true;
-      near.most_reweightings = std::min(rules.most_reweightings, brief_limit);
-      near.starts_freely = false;
       best.grown = try_with(*grown, true, Judging::freely_in_own_units, near,
                             ", from edges that bear one another out,");
     }

@@ -36,6 +36,9 @@ struct EdgeKnowledge {
   std::vector<double> scales;
   /// Robust weights, 0 to 1, with which the first least squares are solved; these need no l1 then.
   std::vector<double> initial_weights;
+  /// Edges that are hardly ever wrong, as a trajectory's odometry is. It counts where nothing is
+  /// trusted: of two answers the one that bends fewer of them may be preferred (odometry.hpp).
+  std::vector<bool> odometry;
 
   /// @throws std::invalid_argument unless all are of m edges and in range
   void check(const MeasurementGraph& graph) const {
@@ -48,6 +51,7 @@ struct EdgeKnowledge {
     refuse("excluded", excluded.size());
     refuse("scales", scales.size());
     refuse("initial_weights", initial_weights.size());
+    refuse("odometry", odometry.size());
     constexpr double least = 1e-50, most = 1e50;
     for (std::size_t k = 0; k < scales.size(); ++k) {
       if (scales[k] >= least && scales[k] <= most) continue;
@@ -73,6 +77,7 @@ struct EdgeKnowledge {
       if (!excluded.empty()) some.excluded.push_back(excluded[k]);
       if (!scales.empty()) some.scales.push_back(scales[k]);
       if (!initial_weights.empty()) some.initial_weights.push_back(initial_weights[k]);
+      if (!odometry.empty()) some.odometry.push_back(odometry[k]);
     }
     return some;
   }
@@ -93,6 +98,36 @@ struct EdgeUnits {
   std::vector<double> voices;
   double voice = 1.0;  ///< of all but trusted edges, which have their weight
 };
+
+/// From now on these edges (m,) are trusted.
+/// @param weights (m,) of the edges
+inline void trust(const std::vector<bool>& edges, const std::vector<double>& weights,
+                  EdgeUnits& units) {
+  for (std::size_t k = 0; k < edges.size(); ++k) {
+    if (!edges[k]) continue;
+    if (units.precision.empty()) units.precision.assign(edges.size(), 1.0);
+    if (units.free_precision.empty()) units.free_precision = units.precision;
+    units.precision[k] = 0.0;
+    if (!units.voices.empty()) units.voices[k] = weights[k];
+  }
+}
+
+/// As many closures as one edge of odometry counts, where it is favoured: closures are made by
+/// recognising places, and one mistake makes many that agree, while a step of odometry goes wrong
+/// by itself, and seldom. So a loss that counts all edges alike would rather bend a few steps than
+/// give up as many closures and one more.
+constexpr double closures_a_step = 6.0;
+
+/// Favours odometry: its scale is so much larger that giving a step up costs as much as six
+/// closures.
+/// @param odometry (m,) edges, or empty for none
+/// @param precision (m,) by which residuals are judged; empty: all 1
+inline void favour(const std::vector<bool>& odometry, std::vector<double>& precision) {
+  if (precision.empty()) precision.assign(odometry.size(), 1.0);
+  for (std::size_t k = 0; k < odometry.size(); ++k) {
+    if (odometry[k]) precision[k] /= closures_a_step;
+  }
+}
 
 /// @param typical edges whose median weight is the unit, but for excluded ones; empty: all
 inline EdgeUnits edge_units(const MeasurementGraph& graph, const EdgeKnowledge& known,
@@ -118,13 +153,7 @@ inline EdgeUnits edge_units(const MeasurementGraph& graph, const EdgeKnowledge& 
     units.precision.clear();
     for (const double scale : known.scales) units.precision.push_back(1.0 / (scale * scale));
   }
-  for (Index k = 0; k < graph.num_edges(); ++k) {
-    if (!known.trusts(k)) continue;
-    if (units.precision.empty()) units.precision.assign(graph.edges().size(), 1.0);
-    if (units.free_precision.empty()) units.free_precision = units.precision;
-    units.precision[k] = 0.0;
-    if (!units.voices.empty()) units.voices[k] = graph.edges()[k].weight;
-  }
+  trust(known.trusted, graph.weights(), units);
   return units;
 }
 

@@ -100,6 +100,13 @@ inline std::vector<double> times(std::vector<double> a, const std::vector<double
 
 }  // namespace detail
 
+/// What is known of a trajectory's answers before others are looked for.
+struct TrajectoryStories {
+  std::optional<Rotations> grown;     ///< where edges that bear one another out have led
+  std::optional<Rotations> given_up;  ///< an answer that was found, and not preferred
+  std::vector<bool> odometry;         ///< (m,), or empty
+};
+
 /// Compares what least squares and l1 have found with where other starts lead.
 ///
 /// 1. Where hardly any edge contradicts, none of those that do agree with one another on a turn
@@ -125,12 +132,11 @@ inline std::vector<double> times(std::vector<double> a, const std::vector<double
 /// @param run that judges residuals in their own units
 /// @param loss_noises the scale of the loss in units of the noise
 /// @param R, noise what was found
-/// @param grown where edges that bear one another out have led (Approach::grown)
 inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, double loss_noises,
-                              Rotations R, double noise, const std::optional<Rotations>& grown) {
+                              Rotations R, double noise, const TrajectoryStories& trajectory) {
   using namespace detail;
   constexpr int most_rounds = 4, depth = 3, wider = 2 * most_strongest;
-  StorySearch search(run, graph, loss_noises, std::move(R), noise);
+  StorySearch search(run, graph, loss_noises, std::move(R), noise, trajectory.odometry);
   const auto as_it_is = [&] {
     search.turn_sides();
     return search.result();
@@ -166,8 +172,9 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
     return by;
   };
   const std::vector<double> ballots = ballots_of(evidence.voices());
-  if (grown && !neighbourhoods.are_informative()) {
-    search.add("edges that bear one another out", *grown);
+  if (trajectory.grown && !neighbourhoods.are_informative()) {
+    search.add("edges that bear one another out", *trajectory.grown);
+    if (trajectory.given_up) search.add("odometry, or none", *trajectory.given_up);
     search.add_tree("the tree of the strongest edges", strength, ballots);
     if (uneven && search.goes_on()) {
       const Strongest by = strongest_by(relative);

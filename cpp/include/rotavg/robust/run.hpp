@@ -49,14 +49,14 @@ class RobustRun {
       : watch_(watch),
         graph_(graph),
         given_(graph.weights()),
-        units_(std::move(units)),
+        units_(units),
+        units_at_first_(std::move(units)),
         series_(std::move(series)),
         options_(stop_.heeding(options)),
         num_threads_(resolve_num_threads(options.iteration.num_threads, graph.num_edges())),
         inner_(inner_steps(graph_, options.method, num_threads_)) {
-    if (std::find(precision().begin(), precision().end(), 0.0) != precision().end()) {
-      for (const double p : precision()) trusting_.push_back(p > 0.0 ? 1.0 : 0.0);
-    }
+    note_trust();
+    judged_by_ = precision_for(judging_);
   }
 
   RobustRun(const RobustRun&) = delete;
@@ -103,6 +103,8 @@ class RobustRun {
   /// From now on.
   void judge(Judging judging) {
     judging_ = judging;
+    judged_by_ = precision_for(judging);
+    favour(favoured_, judged_by_);
     if (units_.voices.empty()) return;
     if (judging == Judging::evenly) {
       graph_.set_weights(units_.voices);
@@ -121,22 +123,26 @@ class RobustRun {
     judge(judges_freely() ? Judging::freely_in_own_units : Judging::in_own_units);
   }
   /// (m,) the precisions by which residuals are judged now; empty: all 1.
-  const std::vector<double>& judged_by() const {
-    static const std::vector<double> all_alike;
-    switch (judging_) {
-      case Judging::in_own_units:
-        break;
-      case Judging::freely_in_own_units:
-        return free_precision();
-      case Judging::evenly:
-        return trusting_;
-      case Judging::freely_and_evenly:
-        return all_alike;
-    }
-    return precision();
+  const std::vector<double>& judged_by() const { return judged_by_; }
+  /// From now on this odometry (m,), or none, is favoured (edge_knowledge.hpp).
+  void favour_odometry(std::vector<bool> odometry) {
+    favoured_ = std::move(odometry);
+    judge(judging_);
   }
 
+  /// From now on these edges (m,) are trusted, beside those that are from the beginning.
+  void trust(const std::vector<bool>& edges) {
+    units_ = units_at_first_;
+    rotavg::trust(edges, given_, units_);
+    note_trust();
+    judge(judging_);
+  }
   bool trusts(Index k) const { return !trusting_.empty() && trusting_[k] == 0.0; }
+  std::vector<bool> trusted() const {
+    std::vector<bool> edges;
+    for (Index k = 0; k < graph_.num_edges(); ++k) edges.push_back(trusts(k));
+    return edges;
+  }
   bool trusts_any() const { return !trusting_.empty(); }
   bool trusts_all() const {
     return trusts_any() &&
@@ -271,6 +277,26 @@ class RobustRun {
     }
   }
 
+  const std::vector<double>& precision_for(Judging judging) const {
+    static const std::vector<double> all_alike;
+    switch (judging) {
+      case Judging::in_own_units:
+        break;
+      case Judging::freely_in_own_units:
+        return free_precision();
+      case Judging::evenly:
+        return trusting_;
+      case Judging::freely_and_evenly:
+        return all_alike;
+    }
+    return precision();
+  }
+  void note_trust() {
+    trusting_.clear();
+    if (std::find(precision().begin(), precision().end(), 0.0) == precision().end()) return;
+    for (const double p : precision()) trusting_.push_back(p > 0.0 ? 1.0 : 0.0);
+  }
+
   bool judges_freely() const {
     return judging_ == Judging::freely_and_evenly || judging_ == Judging::freely_in_own_units;
   }
@@ -279,7 +305,7 @@ class RobustRun {
   StopRequest stop_;
   MeasurementGraph graph_;
   std::vector<double> given_, x_;
-  EdgeUnits units_;
+  EdgeUnits units_, units_at_first_;
   Series series_;
   SolveOptions options_;
   int num_threads_;
@@ -287,6 +313,8 @@ class RobustRun {
   Status ended_ = Status::not_run;
   InnerSteps inner_;
   Judging judging_ = Judging::in_own_units;
+  std::vector<double> judged_by_;
+  std::vector<bool> favoured_;
   std::vector<double> trusting_;  ///< (m,) precisions of 1, but for edges that are trusted
 };
 

@@ -101,20 +101,26 @@ inline double noise_off_tree(std::vector<double> x, Index num_cycles) {
   return noise_scale(x, num_cycles);
 }
 
+/// Whether more residuals of series are within so much than a spanning tree can meet: by a fifth,
+/// three at least, but by no more than a fifth of the cycles.
+inline bool is_met_beyond_tree(const std::vector<double>& x, Index num_cycles, double most) {
+  constexpr double of_tree = 0.2, of_cycles = 0.2, few = 3.0;
+  const double tree = static_cast<double>(x.size()) - static_cast<double>(num_cycles);
+  const auto met =
+      std::count_if(x.begin(), x.end(), [=](double x_k) { return x_k <= most * most; });
+  const double more =
+      std::min(std::max(few, of_tree * tree), of_cycles * static_cast<double>(num_cycles));
+  return static_cast<double>(met) >= tree + more;
+}
+
 /// The same of rotations that may meet a spanning tree exactly, as those of l1 do where edges are
 /// few, and all that were made along one: n - 1 edges met exactly are no sign of little noise.
 /// Where hardly any more are within the noise, it is that of the others.
 inline double noise_beside_tree(std::vector<double> x, Index num_cycles) {
-  constexpr double of_tree = 0.2, of_cycles = 0.2, few = 3.0;
   const double noise = noise_scale(x, num_cycles);
   const std::ptrdiff_t tree = static_cast<std::ptrdiff_t>(x.size()) - num_cycles;
   if (tree <= 0 || num_cycles <= 0) return noise;
-  const double most = outlier_noises * noise;
-  const auto met =
-      std::count_if(x.begin(), x.end(), [=](double x_k) { return x_k <= most * most; });
-  const double more = std::min(std::max(few, of_tree * static_cast<double>(tree)),
-                               of_cycles * static_cast<double>(num_cycles));
-  if (static_cast<double>(met) >= static_cast<double>(tree) + more) return noise;
+  if (is_met_beyond_tree(x, num_cycles, outlier_noises * noise)) return noise;
   return std::max(noise, noise_off_tree(std::move(x), num_cycles));
 }
 

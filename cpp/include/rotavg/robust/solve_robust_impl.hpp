@@ -15,6 +15,7 @@
 #include <rotavg/graph/measurement_graph.hpp>
 #include <rotavg/problem/check_rotations.hpp>
 #include <rotavg/robust/approach.hpp>
+#include <rotavg/robust/approach_by_odometry.hpp>
 #include <rotavg/robust/cycles.hpp>
 #include <rotavg/robust/default_scale.hpp>
 #include <rotavg/robust/edge_knowledge.hpp>
@@ -177,21 +178,25 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   run.judge(Judging::evenly);
   const Rotations R0 = start ? part.of_nodes(checked_rotations(graph, std::move(*start)))
                              : run.least_squares(part.of_edges(robust.known.initial_weights), init);
+  const std::vector<bool> odometry = part.of_edges(robust.known.odometry);
   detail::Approach approach =
-      detail::best_approach(run, part, R0, {robust.loss, robust.scale}, rules);
+      detail::approach_by_odometry(run, part, R0, {robust.loss, robust.scale}, rules, odometry);
   if (approach.from_chordal) init = Initialization::chordal;
   if (approach.from_tree) init = Initialization::maximum_spanning_tree;
   RobustLoss& loss = approach.settled.loss;
   double& noise = approach.settled.noise;
   IterationResult& reweighted = approach.settled.result;
 
+  std::vector<double> precision = units.precision;  // by which the loss judges residuals
+  if (!approach.favoured.empty()) favour(part.of_whole(approach.favoured), precision);
+
   // 5.
   const auto go_on = [&] { return run.ended() == Status::not_run; };
   Portfolio portfolio;
   if (compares && go_on()) {
     const double loss_noises = default_scale(loss.kind, freedom);
-    portfolio =
-        find_stories(run, part.graph(), loss_noises, reweighted.rotations, noise, approach.grown);
+    portfolio = find_stories(run, part.graph(), loss_noises, reweighted.rotations, noise,
+                             {approach.grown, approach.given_up, odometry});
     if (portfolio.replaced) {
       noise = portfolio.best.noise;
       if (robust.scale == 0.0) loss.scale = loss_noises * noise;
@@ -214,7 +219,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   Rotations R = part.extended(reweighted.rotations);
   const auto residuals_now = [&] { return squared_residuals(graph, R, run.num_threads()); };
   std::vector<double> x = residuals_now(), weights;
-  robust_weights(given, x, loss, units.precision, run.num_threads(), weights);
+  robust_weights(given, x, loss, precision, run.num_threads(), weights);
   // What is left of edges that were left out is no matter of the loss, and gives way to all that is
   // known besides: rejected priors keep as large a share as leave_out() leaves.
   std::vector<double> counted = given;
@@ -242,16 +247,15 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   R = solution.rotations;
   x = residuals_now();
   if (!portfolio.alternatives.empty()) {
-    solution.alternatives = detail::told(graph, left_out, part, portfolio, R, noise,
-                                         units.precision, run.num_threads());
+    solution.alternatives =
+        detail::told(graph, left_out, part, portfolio, R, noise, precision, run.num_threads());
   }
   solution.loss = loss;
   solution.noise = noise;
   solution.noise_shows = noise < most_noise;
   solution.moved_by_votes = approach.consensus.moved;
   solution.edge_weights = std::move(weights);
-  solution.robust_objective =
-      robust_objective(counted, x, loss, units.precision, run.num_threads());
+  solution.robust_objective = robust_objective(counted, x, loss, precision, run.num_threads());
   const Thresholds threshold =
       thresholds(loss, noise, run.series_residuals_at(part.of_nodes(R)), space);
   solution.threshold = threshold.told;

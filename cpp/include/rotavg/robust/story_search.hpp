@@ -10,6 +10,7 @@
 #include <rotavg/init/maximum_spanning_tree.hpp>
 #include <rotavg/robust/evidence.hpp>
 #include <rotavg/robust/likely_turns.hpp>
+#include <rotavg/robust/odometry.hpp>
 #include <rotavg/robust/part_votes.hpp>
 #include <rotavg/robust/run.hpp>
 #include <rotavg/robust/scale.hpp>
@@ -44,9 +45,15 @@ class StorySearch {
   /// @param run that judges residuals in their own units
   /// @param loss_noises the scale of the loss in units of the noise
   /// @param R, noise the first story
+  /// @param odometry (m,) edges that are hardly ever wrong, or empty
   StorySearch(RobustRun& run, const MeasurementGraph& graph, double loss_noises, Rotations R,
-              double noise)
-      : run_(run), graph_(graph), loss_noises_(loss_noises), noise_(noise), scale_(noise) {
+              double noise, std::vector<bool> odometry)
+      : run_(run),
+        graph_(graph),
+        odometry_(std::move(odometry)),
+        loss_noises_(loss_noises),
+        noise_(noise),
+        scale_(noise) {
     stories_.push_back({"least squares and l1", std::move(R), noise, {}});
     units_of(stories_[0]);
   }
@@ -113,7 +120,8 @@ class StorySearch {
   }
 
   /// The answer with the least objective, at one scale, is the best, where there is no evidence to
-  /// choose by; others whose objective is half as much again are no answers.
+  /// choose by, or where odometry is known that which less contradicts; others for which that is
+  /// half as much again are no answers.
   void choose_by_objective() {
     constexpr double gain = 1e-4, far = 1.5;
     constexpr int limit = 20;
@@ -122,8 +130,10 @@ class StorySearch {
     for (Story& story : stories_) {
       IterationResult settled = run_.reweighted(story.rotations, loss, gain, limit);
       if (!goes_on()) return;
-      objective.push_back(settled.objective);
       story.rotations = std::move(settled.rotations);
+      objective.push_back(odometry_.empty()
+                              ? settled.objective
+                              : contradictions(run_, story.rotations, odometry_, scale_));
       story.noise = scale_;
       units_of(story);
     }
@@ -138,9 +148,11 @@ class StorySearch {
     stories_ = std::move(kept);
   }
 
-  /// Of parts that a single edge holds the best answer takes the likely place.
+  /// Of parts that a single edge holds the best answer takes the likely place. Not where some edges
+  /// are odometry: its steps turn by little, and closures by anything, right or wrong.
   void turn_sides() {
     constexpr int most_turns = 3;
+    if (!odometry_.empty()) return;
     Story& story = stories_[best_];
     for (int k = 0; k < most_turns && has_time(); ++k) {
       const Index turned =
@@ -223,7 +235,7 @@ class StorySearch {
     agreeing_ += agrees;
     // Against the first it has to be clear; others are compared among each other on equal terms.
     const bool better = role == Role::any && closes_cycles(story.x, graph_.num_nodes()) &&
-                        compare(story, stories_[0]).clear() &&
+                        !bends_more(story, stories_[0]) && compare(story, stories_[0]).clear() &&
                         (best_ == 0 || compare(story, best()).lead() > 0.0);
     if (!better && is_known(story)) return false;
     if (better) {
@@ -279,6 +291,19 @@ class StorySearch {
     }
     return evidence_->compare(a.x, b.x, uncounted);
   }
+  /// Whether a story contradicts odometry where another does not, in more than a few places: then
+  /// no evidence of places that look alike speaks for it.
+  bool bends_more(const Story& story, const Story& other) const {
+    constexpr double few = 0.01, least = 3.0;
+    double steps = 0.0, more = 0.0;
+    for (std::size_t k = 0; k < odometry_.size(); ++k) {
+      if (!odometry_[k]) continue;
+      steps += 1.0;
+      more += story.x[k] > contradiction;
+      more -= other.x[k] > contradiction;
+    }
+    return more > std::max(least, few * steps);
+  }
   bool is_known(const Story& story) const {
     return std::any_of(stories_.begin(), stories_.end(),
                        [&](const Story& other) { return !differ(story, other); });
@@ -298,6 +323,7 @@ class StorySearch {
 
   RobustRun& run_;
   const MeasurementGraph& graph_;
+  std::vector<bool> odometry_;
   double loss_noises_, noise_, scale_;
   std::vector<Story> stories_;
   std::size_t best_ = 0;
