@@ -17,6 +17,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -77,7 +78,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--family", action="append", choices=list(FAMILIES), default=None)
-    parser.add_argument("--nodes", type=int, default=1000)
+    parser.add_argument("--nodes", type=int, default=1000, help="300 or more")
     parser.add_argument("--details", action="store_true", help="one line an answer")
     arguments = parser.parse_args()
     ways: dict[str, Callable[[Case], rotavg.Solution]] = {
@@ -111,11 +112,9 @@ def _row(
             lines = str(solution)
             told += is_bad and any(word in lines for word in ("odometry?", "alternative"))
             if arguments.details:
-                print(
-                    f"  {name}, seed {seed}, {way}: {errors[-1]:.3g} of {least[seed]:.3g} deg",
-                    end="",
-                )
-                print("" if not is_bad else f"; {solution.reason}")
+                why = f"; {solution.reason}" if is_bad else ""
+                told_of = f"{errors[-1]:.3g} of {least[seed]:.3g} deg"
+                print(f"{name}, seed {seed}, {way}: {told_of}{why}", file=sys.stderr)
         told_so = f" ({told} told)" if bad else ""
         cells.append(f"{bad}{told_so}, {np.mean(errors):.3g}, {seconds / len(cases):.2g} s")
     print(f"| {name} | {np.mean(least):.3g} | " + " | ".join(cells) + " |", flush=True)

@@ -62,6 +62,10 @@ py::dict robust_dict(const rotavg::RobustSolution& s) {
   result["edge_weights"] = from_vector(s.edge_weights);
   result["edge_scales"] = from_vector(s.edge_scales);
   result["edge_verdicts"] = verdicts;
+  py::array_t<bool> favoured(static_cast<py::ssize_t>(s.edge_weights.size()));
+  std::fill_n(favoured.mutable_data(), favoured.size(), false);
+  std::copy(s.favoured.begin(), s.favoured.end(), favoured.mutable_data());
+  result["is_favoured"] = favoured;
   result["part"] = from_vector(s.verdicts.part);
   result["num_strained"] = s.num_strained;
   py::list alternatives;

@@ -85,10 +85,13 @@ def test_trusted_edges_are_named(tmp_path: Path) -> None:
     ways = [(0, 1, 0.1), (1, 2, 0.1), (2, 3, 1.5), (0, 2, 0.2), (2, 4, 0.2), (0, 4, 0.4)]
     ways += [(3, 4, 0.1), (1, 3, 0.2), (0, 3, 0.3)]
     file.write_text("".join(line(*way) for way in ways))
-    trusted.write_text("0 1\n1 2\n4 2\n")
+    trusted.write_text("0 1\n1 2\n4 2\n7 9\n")
     robust = ["solve", "--follow", str(file), "--loss", "tls", "--loss-scale", "10"]
     named = CliRunner().invoke(commands, [*robust, "--trusted", str(trusted)])
-    assert json.loads(named.output.splitlines()[-1])["outliers"] == 1
+    *_, last, unseen = named.output.splitlines()
+    assert json.loads(last)["outliers"] == 1
+    assert unseen == "1 of the trusted edges did not come, as 7 -> 9"
+    trusted.write_text("0 1\n1 2\n4 2\n")
     both = CliRunner().invoke(commands, [*robust, "--trusted", str(trusted), "--trust-odometry"])
     by_ids = CliRunner().invoke(commands, robust)
     states = [json.loads(run.output.splitlines()[-1]) for run in (both, by_ids)]

@@ -39,7 +39,8 @@ def follow_option(command: F) -> F:
         "line of JSON after every edge: the optimum so far, and whether it is proved. With it "
         "--tolerance is a part of the objective (1e-10 if none is given): what is proved to gain "
         "less waits. Edges between consecutive ids are trusted, or with --trusted those that it "
-        "names. -o writes the last solution at the end, also after Ctrl-C.",
+        "names (with --trust-odometry both). -o writes the last solution at the end, also after "
+        "Ctrl-C.",
     )
     return option(command)
 
@@ -70,6 +71,8 @@ def follow_input(input_path: Path, settings: dict[str, Any], loss_scale: float |
         raise click.UsageError("--follow needs a --loss-scale with --loss, in degrees")
     if loss == "l2" and settings["trusted_path"] is not None:
         raise click.UsageError("--trusted is for --loss, which is not given or l2")
+    if loss == "l2" and settings["trust_odometry"]:
+        raise click.UsageError("--trust-odometry is for --loss, which is not given or l2")
     trust = _Trust(settings["trusted_path"], settings["trust_odometry"])
     tolerance = {"tolerance": settings["tolerance"]} if "tolerance" in typed() else {}
     online = rotavg.Online(
@@ -91,6 +94,7 @@ def follow_input(input_path: Path, settings: dict[str, Any], loss_scale: float |
         if followed is not None and online.num_nodes > 0:
             rotavg.write(output, followed.solution(online), format=form)
             click.echo(f"wrote {output}", err=True)
+        trust.tell_unseen()
     if online.num_nodes == 0:
         raise rotavg.FormatError("there are no edges", path=input_path)
     return 0 if online.verdict == rotavg.Verdict.PROVED else 1
@@ -102,6 +106,7 @@ class _Trust:
     def __init__(self, path: Path | None, odometry: bool) -> None:
         self._odometry = odometry
         self._pairs = None if path is None else numbered_pairs(path, "trusted")
+        self._unseen = set(self._pairs or ())
 
     def __call__(self, edge: EdgeLine) -> NDArray[np.bool_] | None:
         """(1,), or None: as `Online.add` has it."""
@@ -109,7 +114,15 @@ class _Trust:
             return None
         i, j = edge.ids[0].tolist()
         named = (min(i, j), max(i, j)) in self._pairs
+        self._unseen.discard((min(i, j), max(i, j)))
         return np.array([named or (self._odometry and abs(i - j) == 1)])
+
+    def tell_unseen(self) -> None:
+        """Say which of the named edges have not come."""
+        if self._unseen:
+            i, j = min(self._unseen)
+            some = f"{len(self._unseen)} of the trusted edges did not come, as {i} -> {j}"
+            click.echo(some, err=True)
 
 
 def _follow(

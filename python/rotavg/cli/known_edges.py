@@ -40,6 +40,12 @@ _OPTIONS = (
         help="Trust the edges between consecutive ids.",
     ),
     click.option(
+        "--no-odometry",
+        is_flag=True,
+        help="Count edges between consecutive ids like all others; by default --loss auto gives "
+        "up one of a trajectory as little as six others.",
+    ),
+    click.option(
         "--excluded",
         "excluded_path",
         type=options.INPUT,
@@ -54,6 +60,7 @@ class KnownEdges:
 
     trusted_path: Path | None
     trust_odometry: bool
+    no_odometry: bool
     excluded_path: Path | None
 
     @property
@@ -73,6 +80,10 @@ def check_known_edges(loss: str, pose_loss: str, known: KnownEdges, weight_kind:
     """UsageError for options that have no effect without a robust loss."""
     if loss == "l2" and weight_kind != "auto":
         raise click.UsageError("--weight-kind is for --loss, which is not given or l2")
+    if known.trust_odometry and known.no_odometry:
+        raise click.UsageError("--trust-odometry and --no-odometry contradict each other")
+    if loss == "l2" and known.no_odometry:
+        raise click.UsageError("--no-odometry is for --loss, which is not given or l2")
     given = {"--trusted": known.trusted_path is not None, "--trust-odometry": known.trust_odometry}
     for name, is_given in given.items():
         if is_given and loss == pose_loss == "l2":
@@ -93,6 +104,8 @@ def read_known_edges(
         if leave_out is not None:
             between &= ~leave_out
         trust = between if trust is None else trust | between
+    if known.no_odometry and trust is None:
+        trust = np.zeros(graph.num_edges, dtype=np.bool_)
     return {"trusted": trust, "excluded": leave_out}
 
 

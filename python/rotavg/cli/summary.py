@@ -13,6 +13,7 @@ import rotavg
 from rotavg.graph.conventions import quaternions_from_matrices
 from rotavg.solving.kept import kept_degrees, median_high_largest
 from rotavg.solving.printed import verdict_sentence
+from rotavg.solving.trajectory import doubted_odometry, strained_trust
 from rotavg.solving.uncertainty import rms_degrees
 
 _MOST = 5  # of a kind in the diagnosis
@@ -34,6 +35,9 @@ def _robust(solution: rotavg.Solution) -> dict[str, Any] | None:
         "unchecked": int(solution.is_unchecked.sum()),
         "hanging": [len(group) for group in solution.hanging_groups],
         "parts": r.num_parts,
+        "favoured": int(r.is_favoured.sum()),
+        "odometry_doubt": doubted_odometry(solution),
+        "trust_doubt": strained_trust(solution),
         "weak_parts": r.num_parts - solution.num_parts_given,
         "strained": r.num_strained,
         "alternatives": [alternative.summary() for alternative in r.alternatives],

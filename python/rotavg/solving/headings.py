@@ -282,6 +282,8 @@ def _of_graph(
     tells = headings.tells
     scales, weights = np.ones(graph.num_edges), np.array(graph.weights)
     scales[tells] = fit.edge_scales
+    favoured = np.zeros(graph.num_edges, dtype=np.bool_)
+    favoured[tells] = fit.is_favoured
     weights[tells] *= fit.edge_weights / headings.planar.weights
     chords = 2 * np.sin(0.5 * there.residual_angles)
     verdicts = np.where(chords <= fit.threshold, "inlier", "robust_weight")
@@ -295,6 +297,7 @@ def _of_graph(
         fit,
         edge_weights=read_only(weights),
         edge_scales=read_only(scales),
+        is_favoured=read_only(favoured),
         edge_verdicts=read_only(verdicts),
         part=read_only(fit.part[headings.frame_of]),
         alternatives=(),

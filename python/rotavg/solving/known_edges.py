@@ -9,10 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotavg.base.arrays import as_floats
 from rotavg.base.errors import GraphError, OptionError, expect
-from rotavg.graph.ids import as_ids, rows_of
+from rotavg.graph.ids import IdArray, as_ids, rows_of
 from rotavg.graph.measurement_graph import MeasurementGraph
 
 _MOST = 0.9  # of the steps from one node to the next, where a graph is a trajectory
+_FURTHEST = 10  # ids, where some are missing
 
 
 def known_edges(
@@ -38,9 +39,7 @@ def known_edges(
     if trust is not None and left_out is not None and (trust & left_out).any():
         i, j = graph.edges[np.argmax(trust & left_out)].tolist()
         raise OptionError(f"the edge ({i!r}, {j!r}) is both trusted and excluded")
-    likely = None
-    if loss != "l2" and trusted is None and is_trajectory(graph):
-        likely = is_step(graph) if left_out is None else is_step(graph) & ~left_out
+    likely = next_to_one_another(graph) if loss != "l2" and trusted is None else None
     return {
         "trusted": trust,
         "odometry": likely,
@@ -129,8 +128,26 @@ def is_trajectory(graph: MeasurementGraph) -> bool:
     """Whether nearly every node is joined to that of the next number, as a robot's poses are."""
     if graph.nodes.dtype.kind == "U" or graph.num_nodes < 3:
         return False
-    steps = np.unique(np.sort(graph.edges[is_step(graph)], axis=1), axis=0)
-    return len(steps) >= _MOST * (graph.num_nodes - 1)
+    return _are_most(graph.edges[is_step(graph)], graph)
+
+
+def next_to_one_another(graph: MeasurementGraph) -> NDArray[np.bool_] | None:
+    """(m,) whether an edge joins a node to that of the next id that occurs, ten further at most.
+
+    None unless the nodes of nearly all ids are joined so.
+    """
+    if graph.nodes.dtype.kind == "U" or graph.num_nodes < 3:
+        return None
+    ids = np.sort(graph.nodes)
+    low, high = np.min(graph.edges, axis=1), np.max(graph.edges, axis=1)
+    rank = np.searchsorted(ids, low)
+    after = ids[np.minimum(rank + 1, len(ids) - 1)]
+    mask = (high == after) & (high - low > 0) & (high - low <= _FURTHEST)
+    return np.asarray(mask, dtype=np.bool_) if _are_most(graph.edges[mask], graph) else None
+
+
+def _are_most(steps: IdArray, graph: MeasurementGraph) -> bool:
+    return len(np.unique(np.sort(steps, axis=1), axis=0)) >= _MOST * (graph.num_nodes - 1)
 
 
 def is_step(graph: MeasurementGraph) -> NDArray[np.bool_]:

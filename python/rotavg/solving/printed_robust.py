@@ -54,6 +54,15 @@ def robust_rows(fit: RobustFit, num_parts_given: int) -> list[tuple[str, str]]:
             )
     if counts["trusted"]:
         rows.append(("trusted", f"{counts['trusted']} edges that the loss does not touch"))
+    if fit.is_favoured.any():
+        some = "edge" if fit.is_favoured.sum() == 1 else "edges"
+        rows.append(
+            (
+                "odometry",
+                f"{int(fit.is_favoured.sum())} {some} between consecutive numbers: giving up one "
+                "costs as much as six others (trusted=[] for all alike)",
+            )
+        )
     if counts["bridge"]:
         some = "1 edge" if counts["bridge"] == 1 else f"{counts['bridge']} edges"
         rows.append(("bridges", f"{some} that no cycle checks"))

@@ -64,6 +64,9 @@ class RobustFit(ReadOnly):
             other edge for an outlier.
         edge_scales: (m,) factors by which scale, noise and threshold of an edge differ from these;
             infinite for trusted edges.
+        is_favoured: (m,) odometry of which giving up one edge costs as much as six others
+            (docs/robust.md, Trajectories): its scale, though not its noise and threshold, is
+            larger by the root of six.
         objective: the robust objective, without edges that were left out; with priors, that of the
             measurements before these are met, and with `anisotropic`, before that.
         edge_weights: (m,) the graph's weights times rho'(r) / (2 r), at least 1e-9 of them over
@@ -91,6 +94,7 @@ class RobustFit(ReadOnly):
     objective: float
     edge_weights: NDArray[np.float64]
     edge_scales: NDArray[np.float64]
+    is_favoured: NDArray[np.bool_]
     edge_verdicts: NDArray[np.str_]
     part: NDArray[np.int32]
     absolute_priors: PriorFit | None = None
@@ -110,6 +114,7 @@ def robust_from_core(core: dict[str, Any], graph: MeasurementGraph) -> RobustFit
     arrays: dict[str, Any] = {
         "edge_weights": read_only(core["edge_weights"]),
         "edge_scales": read_only(core["edge_scales"]),
+        "is_favoured": read_only(core["is_favoured"]),
         "edge_verdicts": read_only(np.array(core["edge_verdicts"], dtype=np.str_)),
         "part": read_only(core["part"]),
         "alternatives": tuple(alternative_from_core(a, graph) for a in core["alternatives"]),

@@ -143,9 +143,9 @@ def solve(
             measured; all residuals are judged alike, and a heavy edge has as many votes. "auto" is
             "precision" (docs/robust.md has the measurements).
         trusted: edges that a robust loss does not touch: "odometry", those between consecutive
-            integers; or a mask (m,), or pairs of nodes (k, 2). By default none; but where nearly
-            all nodes are joined to those of the next integers, "auto" counts these edges as six
-            others, for they are hardly ever wrong (docs/robust.md, Trajectories): not with [].
+            integers; or a mask (m,), or pairs of nodes (k, 2). By default none; but where ids say
+            that the graph is a trajectory, "auto" takes edges to the next id for odometry, which is
+            hardly ever wrong (docs/robust.md, Trajectories); [] switches that off.
         excluded: edges to leave out, likewise (but for a weight that keeps the graph connected).
         edge_scales: (m,) factors by which the scale of the loss and the threshold of outliers
             differ from edge to edge, instead of what the weights say.
@@ -225,6 +225,8 @@ def solve(
     if isinstance(anisotropic, np.bool_):
         anisotropic = bool(anisotropic)
     problem = Problem.of(graph, priors)
+    if priors is not None and priors.rigs:
+        settings["odometry"] = None  # images of rigs are no poses of a robot
     first = settings
     if anisotropic is not False:
         check(graph, anisotropic)

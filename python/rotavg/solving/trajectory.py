@@ -7,6 +7,7 @@ import numpy as np
 from rotavg.solving.known_edges import is_step, is_trajectory
 from rotavg.solving.solved import Solved
 
+_SHOWN = 3  # steps that are named
 _FAR = 3.0  # times the threshold of outliers
 
 
@@ -16,11 +17,16 @@ def doubted_odometry(solution: Solved) -> str | None:
     if robust is None or not solution.is_outlier.any() or not is_trajectory(graph):
         return None
     steps = is_step(graph) & (robust.edge_verdicts != "excluded")
-    doubted = int((steps & solution.is_outlier).sum())
-    if doubted == 0:
+    doubted = np.flatnonzero(steps & solution.is_outlier)
+    if len(doubted) == 0:
         return None
-    some = f"{doubted} of {int(steps.sum())} edges between consecutive numbers are outliers"
-    return f'{some}: if these are odometry, trust it (--trust-odometry, trusted="odometry")'
+    some = f"{len(doubted)} of {int(steps.sum())} edges between consecutive numbers are outliers"
+    named = ", ".join(f"{i!r} -> {j!r}" for i, j in graph.edges[doubted[:_SHOWN]].tolist())
+    more = ", ..." if len(doubted) > _SHOWN else ""
+    return (
+        f"{some} ({named}{more}): slips of odometry, or, if it cannot be wrong, trust it "
+        '(--trust-odometry, trusted="odometry")'
+    )
 
 
 def strained_trust(solution: Solved) -> str | None:

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <limits>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -24,88 +24,134 @@ namespace rotavg {
 
 namespace detail {
 
-/// The best approach to a graph of few edges, some of which are odometry. Where it bends odometry,
-/// or many edges contradict it, more are tried: from an answer that trusts odometry; from closures
-/// that agree with one another (agreeing_closures), which tell where odometry is wrong; and from
-/// the best so far without the steps that its closures contradict (without_doubted_steps). From
-/// these the automatic loss goes on with odometry favoured, and takes of all answers the one that
-/// less contradicts (contradictions); any other loss takes the one with the least objective.
+/// The odometry (m,) that counts: all of it where nothing is trusted, no start was given, and three
+/// edges in ten close a cycle, or fewer; else none, an empty mask. (Where more do, as along a
+/// sequence of photographs, edges are checked by others near by, and ids have no say.)
+inline std::vector<bool> counted_odometry(const CheckedPart& part, const RobustRun& run,
+                                          const ApproachOptions& rules,
+                                          const std::vector<bool>& odometry) {
+  constexpr double few = 0.3;
+  std::vector<bool> counted = part.of_edges(odometry);
+  const bool counts = rules.starts_freely && !run.trusts_any() &&
+                      part.series().num_cycles <= few * part.graph().num_edges() &&
+                      std::find(counted.begin(), counted.end(), true) != counted.end();
+  if (!counts) counted.clear();
+  return counted;
+}
+
+/// The answers of approach_by_odometry, and the best of them so far.
+class OdometryApproaches {
+ public:
+  OdometryApproaches(RobustRun& run, const CheckedPart& part, const std::vector<bool>& odometry,
+                     const RobustLoss& asked, Approach first)
+      : run_(run),
+        part_(part),
+        odometry_(odometry),
+        asked_(asked),
+        noise_(first.settled.noise),
+        best_(std::move(first)) {}
+
+  double noise() const { return noise_; }
+  const Rotations& rotations() const { return best_.settled.result.rotations; }
+
+  /// The loss goes on from a start, with these steps (m,) favoured if it is the automatic one.
+  void go_on_from(const Rotations& start, const std::vector<bool>& steps, ApproachOptions rules,
+                  const char* manner) {
+    rules.starts_near = true;
+    rules.starts_freely = false;
+    if (chooses_by_mishaps()) run_.favour_odometry(steps);
+    Approach other = approach(run_, part_, start, asked_, rules, Judging::freely_in_own_units);
+    run_.favour_odometry({});
+    if (chooses_by_mishaps()) other.favoured = steps;
+    other.manner = manner;
+    // What meets hardly more than a tree, as odometry alone may be, shows no noise and no answer.
+    const Rotations& R = other.settled.result.rotations;
+    const bool shows = is_met_beyond_tree(run_.series_residuals_at(R), part_.series().num_cycles,
+                                          outlier_noises * other.settled.noise);
+    if (run_.ended() != Status::not_run || !shows) return;
+    noise_ = std::min(noise_, other.settled.noise);
+    if (is_better(other)) std::swap(best_, other);
+    other_ = std::move(other.settled.result.rotations);
+  }
+
+  /// The best, with the last that was not preferred; its odometry is favoured from now on.
+  Approach result() {
+    run_.favour_odometry(best_.favoured);
+    best_.given_up = std::move(other_);
+    return std::move(best_);
+  }
+
+ private:
+  bool chooses_by_mishaps() const { return asked_.kind == Loss::automatic; }
+  bool is_better(const Approach& other) {
+    if (chooses_by_mishaps()) {
+      const auto of = [&](const Approach& one) {
+        return mishaps(run_, part_.graph(), one.settled.result.rotations, odometry_, noise_);
+      };
+      return of(other) < of(best_);
+    }
+    RobustLoss loss = best_.settled.loss;
+    loss.scale = std::min(loss.scale, other.settled.loss.scale);
+    return objective_at(run_, other.settled, loss) < objective_at(run_, best_.settled, loss);
+  }
+
+  RobustRun& run_;
+  const CheckedPart& part_;
+  const std::vector<bool>& odometry_;
+  RobustLoss asked_;
+  double noise_;  // the least so far
+  Approach best_;
+  std::optional<Rotations> other_;
+};
+
+/// The best approach to a graph most edges of which are odometry. Where it bends odometry, or many
+/// edges contradict it, more are tried: from an answer that trusts odometry; from closures that
+/// agree with one another (agreeing_closures), which tell where odometry is wrong; and from the
+/// best so far without the steps that its closures contradict (without_doubted_steps). From these
+/// the automatic loss goes on with odometry favoured, and takes of all answers the one for which
+/// least must have gone wrong (mishaps); any other loss takes the one with the least objective.
 ///
-/// @param odometry (m,), or empty: then this is best_approach, as it is with trust or a start
+/// @param odometry of counted_odometry; empty: this is best_approach
 inline Approach approach_by_odometry(RobustRun& run, const CheckedPart& part,
                                      const Rotations& start, const RobustLoss& asked,
                                      const ApproachOptions& rules,
                                      const std::vector<bool>& odometry) {
-  std::vector<Approach> found{best_approach(run, part, start, asked, rules)};
+  Approach free = best_approach(run, part, start, asked, rules);
   const auto goes_on = [&] { return run.ended() == Status::not_run; };
-  const Settling& free = found[0].settled;
-  if (odometry.empty() || run.trusts_any() || !rules.starts_freely || asked.kind == Loss::l2 ||
-      !has_few_edges(part.graph()) || !goes_on() ||
-      !(bends_odometry(run, free.result.rotations, odometry, free.noise) ||
-        many_contradict(run, free.result.rotations))) {
-    return std::move(found[0]);
+  const Rotations& R = free.settled.result.rotations;
+  if (odometry.empty() || asked.kind == Loss::l2 || !goes_on() ||
+      !(bends_odometry(run, R, odometry, free.settled.noise) || many_contradict(run, R))) {
+    return free;
   }
-  double noise = free.noise;
-  ApproachOptions near = rules;
-  near.starts_near = true;
-  near.starts_freely = false;
-  const bool favours = asked.kind == Loss::automatic;
-  const auto go_on_from = [&](const Rotations& R, std::vector<bool> steps, const char* manner) {
-    if (!goes_on()) return;
-    if (favours) run.favour_odometry(steps);
-    found.push_back(approach(run, part, R, asked, near, Judging::freely_in_own_units));
-    run.favour_odometry({});
-    Approach& one = found.back();
-    if (favours) one.favoured = std::move(steps);
-    one.manner = manner;
-    // What meets hardly more than a tree, as odometry alone may be, shows no noise and no answer.
-    if (!is_met_beyond_tree(run.series_residuals_at(one.settled.result.rotations),
-                            part.series().num_cycles, outlier_noises * one.settled.noise)) {
-      found.pop_back();
-    } else {
-      noise = std::min(noise, one.settled.noise);
-    }
-  };
+  const std::optional<Rotations> grown_freely = free.grown;
+  OdometryApproaches found(run, part, odometry, asked, std::move(free));
   run.trust(odometry);
-  Approach trusting = best_approach(run, part, start, asked, rules);
+  const Approach trusting = best_approach(run, part, start, asked, rules);
   run.trust({});
-  go_on_from(trusting.settled.result.rotations, odometry, ", from an answer that trusts odometry,");
   if (goes_on()) {
-    const auto closures = agreeing_closures(part.graph(), odometry, run.free_precision(), noise);
-    go_on_from(run.agreed_by(closures), odometry, ", from closures that agree with one another,");
+    found.go_on_from(trusting.settled.result.rotations, odometry, rules,
+                     ", from an answer that trusts odometry,");
   }
-  const auto best_so_far = [&] {
-    std::size_t best = 0;
-    double least = std::numeric_limits<double>::infinity();
-    RobustLoss loss = found[0].settled.loss;
-    for (const Approach& one : found) loss.scale = std::min(loss.scale, one.settled.loss.scale);
-    for (std::size_t k = 0; k < found.size() && goes_on(); ++k) {
-      const Settling& settled = found[k].settled;
-      const double against = favours
-                                 ? contradictions(run, settled.result.rotations, odometry, noise)
-                                 : objective_at(run, settled, loss);
-      if (against < least) best = k;
-      least = std::min(least, against);
+  if (goes_on()) {
+    const auto closures =
+        agreeing_closures(part.graph(), odometry, run.free_precision(), found.noise());
+    found.go_on_from(run.agreed_by(closures), odometry, rules,
+                     ", from closures that agree with one another,");
+  }
+  if (goes_on()) {
+    const auto without =
+        without_doubted_steps(run, part.graph(), part.series_of_part().label, found.rotations(),
+                              odometry, found.noise());
+    if (without) {
+      std::vector<bool> steps = odometry;
+      for (std::size_t k = 0; k < steps.size(); ++k) steps[k] = steps[k] && !without->given_up[k];
+      found.go_on_from(without->rotations, steps, rules,
+                       ", without steps that many closures contradict,");
     }
-    return best;
-  };
-  std::size_t best = best_so_far();
-  if (const auto without = without_doubted_steps(
-          run, part.graph(), found[best].settled.result.rotations, odometry, noise)) {
-    std::vector<bool> steps = odometry;
-    for (std::size_t k = 0; k < steps.size(); ++k) steps[k] = steps[k] && !without->given_up[k];
-    go_on_from(without->rotations, std::move(steps),
-               ", without steps that many closures contradict,");
-    best = best_so_far();
   }
-  if (best > 0) {
-    run.favour_odometry(found[best].favoured);
-    found[best].grown = trusting.grown;
-    found[best].given_up = found[0].settled.result.rotations;
-  } else if (found.size() > 1) {
-    found[0].given_up = found[1].settled.result.rotations;
-  }
-  return std::move(found[best]);
+  Approach best = found.result();
+  best.grown = trusting.grown ? trusting.grown : grown_freely;
+  return best;
 }
 
 }  // namespace detail

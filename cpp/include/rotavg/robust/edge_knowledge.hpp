@@ -123,6 +123,7 @@ constexpr double closures_a_step = 6.0;
 /// @param odometry (m,) edges, or empty for none
 /// @param precision (m,) by which residuals are judged; empty: all 1
 inline void favour(const std::vector<bool>& odometry, std::vector<double>& precision) {
+  if (odometry.empty()) return;
   if (precision.empty()) precision.assign(odometry.size(), 1.0);
   for (std::size_t k = 0; k < odometry.size(); ++k) {
     if (odometry[k]) precision[k] /= closures_a_step;

@@ -114,7 +114,7 @@ struct TrajectoryStories {
 ///    more is done. Nor is it where hardly any of the strongest edges contradicts (Evidence). Where
 ///    edges that bear one another out were a start and hardly any edges share neighbours, as on a
 ///    trajectory, there is no evidence to compare by: a few starts are tried, and the least
-///    objective decides (choose_by_objective).
+///    objective decides (choose_by_cost).
 /// 2. The maximum spanning tree by strength (shared_strongest) is polished, and, where weights
 ///    differ, that by the strength which relative weights give. If they tell the same story, that
 ///    is it.
@@ -182,7 +182,7 @@ inline Portfolio find_stories(RobustRun& run, const MeasurementGraph& graph, dou
       search.add("l1 of the edges strongest for their turn",
                  run.agreed_by(skeleton(graph, by.ends)), by.ballots);
     }
-    if (search.goes_on()) search.choose_by_objective();
+    if (search.goes_on()) search.choose_by_cost();
     search.turn_sides();
     return search.result(/*rules_out=*/false);
   }

@@ -56,6 +56,9 @@ struct RobustSolution : Solution {
   /// (m,) factors by which the scale, the noise and the threshold of an edge differ from those
   /// above; infinite for trusted ones
   std::vector<double> edge_scales;
+  /// (m,) odometry that the loss has favoured (EdgeKnowledge::odometry): its scale, though not its
+  /// noise and threshold, is larger by the root of closures_a_step. Empty where none was.
+  std::vector<bool> favoured;
   EdgeVerdicts verdicts;
   PriorVerdicts absolute, gravity;  ///< empty without priors
   /// Edges that were kept and within the threshold, theirs and that of the priors, and that lie

@@ -66,7 +66,7 @@ inline std::string describe(const Portfolio& portfolio) {
   if (portfolio.different == 1) {
     text << "one answer";
   } else {
-    text << portfolio.different << " answers, and the strongest edges chose "
+    text << portfolio.different << " answers, and " << portfolio.judge << " chose "
          << (portfolio.replaced ? "that of " : "") << portfolio.best.start;
   }
   return text.str();
@@ -178,7 +178,8 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   run.judge(Judging::evenly);
   const Rotations R0 = start ? part.of_nodes(checked_rotations(graph, std::move(*start)))
                              : run.least_squares(part.of_edges(robust.known.initial_weights), init);
-  const std::vector<bool> odometry = part.of_edges(robust.known.odometry);
+  const std::vector<bool> odometry =
+      detail::counted_odometry(part, run, rules, robust.known.odometry);
   detail::Approach approach =
       detail::approach_by_odometry(run, part, R0, {robust.loss, robust.scale}, rules, odometry);
   if (approach.from_chordal) init = Initialization::chordal;
@@ -188,7 +189,9 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   IterationResult& reweighted = approach.settled.result;
 
   std::vector<double> precision = units.precision;  // by which the loss judges residuals
-  if (!approach.favoured.empty()) favour(part.of_whole(approach.favoured), precision);
+  std::vector<bool> favoured;
+  if (!approach.favoured.empty()) favoured = part.of_whole(approach.favoured);
+  favour(favoured, precision);
 
   // 5.
   const auto go_on = [&] { return run.ended() == Status::not_run; };
@@ -247,8 +250,8 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   R = solution.rotations;
   x = residuals_now();
   if (!portfolio.alternatives.empty()) {
-    solution.alternatives =
-        detail::told(graph, left_out, part, portfolio, R, noise, precision, run.num_threads());
+    solution.alternatives = detail::told(graph, left_out, part, portfolio, R, noise,
+                                         units.precision, run.num_threads());
   }
   solution.loss = loss;
   solution.noise = noise;
@@ -261,6 +264,7 @@ ROTAVG_INLINE RobustSolution solve_robust(const MeasurementGraph& graph,
   solution.threshold = threshold.told;
   solution.verdicts = edge_verdicts(graph, part.series(), x, units.precision, threshold.doubtful,
                                     robust.known, refuted);
+  solution.favoured = std::move(favoured);
   solution.edge_scales.reserve(x.size());
   for (std::size_t k = 0; k < x.size(); ++k) {
     solution.edge_scales.push_back(1.0 / std::sqrt(precision_of(units.precision, k)));

@@ -33,6 +33,7 @@ struct Portfolio {
   Index tried = 1;                   ///< starts
   Index different = 1;               ///< different answers to which they led
   Index turned = 0;                  ///< sides of the best, by take_likely_turns
+  const char* judge = "the strongest edges";  ///< what has chosen among them
 };
 
 /// The stories that starts have led to so far, and the best of them by the evidence.
@@ -119,31 +120,31 @@ class StorySearch {
     attempt_tree(start, key, ballots, Role::alternative);
   }
 
-  /// The answer with the least objective, at one scale, is the best, where there is no evidence to
-  /// choose by, or where odometry is known that which less contradicts; others for which that is
-  /// half as much again are no answers.
-  void choose_by_objective() {
+  /// The answer with the least objective at one scale is the best, where there is no evidence to
+  /// choose by; or, where odometry is known, that for which least must have gone wrong (mishaps).
+  /// Others whose cost is half as much again are no answers.
+  void choose_by_cost() {
     constexpr double gain = 1e-4, far = 1.5;
     constexpr int limit = 20;
     const RobustLoss loss{Loss::cauchy, loss_noises_ * scale_};
-    std::vector<double> objective;
+    std::vector<double> cost;
     for (Story& story : stories_) {
       IterationResult settled = run_.reweighted(story.rotations, loss, gain, limit);
       if (!goes_on()) return;
       story.rotations = std::move(settled.rotations);
-      objective.push_back(odometry_.empty()
-                              ? settled.objective
-                              : contradictions(run_, story.rotations, odometry_, scale_));
+      cost.push_back(odometry_.empty() ? settled.objective
+                                       : mishaps(run_, graph_, story.rotations, odometry_, scale_));
       story.noise = scale_;
       units_of(story);
     }
-    const auto least = std::min_element(objective.begin(), objective.end());
+    judge_ = odometry_.empty() ? "the least objective" : "the fewest mishaps";
+    const auto least = std::min_element(cost.begin(), cost.end());
     std::vector<Story> kept;
     for (std::size_t k = 0; k < stories_.size(); ++k) {
-      const bool is_best = objective[k] == *least;
+      const bool is_best = cost[k] == *least;
       if (is_best) best_ = kept.size();
       if (is_best) replaced_ = k != 0;
-      if (objective[k] <= far * *least) kept.push_back(std::move(stories_[k]));
+      if (cost[k] <= far * *least) kept.push_back(std::move(stories_[k]));
     }
     stories_ = std::move(kept);
   }
@@ -198,6 +199,7 @@ class StorySearch {
     found.evidence = std::move(evidence_);
     found.tried = tried_;
     found.turned = turned_;
+    found.judge = judge_;
     return found;
   }
 
@@ -332,6 +334,7 @@ class StorySearch {
   double all_voices_ = 0.0;
   Index tried_ = 1, turned_ = 0;
   bool replaced_ = false;
+  const char* judge_ = Portfolio().judge;
 };
 
 }  // namespace rotavg
