@@ -139,9 +139,8 @@ inline Approach approach_by_odometry(RobustRun& run, const CheckedPart& part,
                      ", from closures that agree with one another,");
   }
   if (goes_on()) {
-    const auto without =
-        without_doubted_steps(run, part.graph(), part.series_of_part().label, found.rotations(),
-                              odometry, found.noise());
+    const auto without = without_doubted_steps(run, part.graph(), part.series_of_part().label,
+                                               found.rotations(), odometry, found.noise());
     if (without) {
       std::vector<bool> steps = odometry;
       for (std::size_t k = 0; k < steps.size(); ++k) steps[k] = steps[k] && !without->given_up[k];
