@@ -146,6 +146,7 @@ TEST_CASE("scales of the edges, trusted and excluded edges, and initial weights 
   refuses({std::vector<bool>(m, true), std::vector<bool>(m, true), {}, {}});
   refuses({{}, {}, std::vector<double>(m, 0.0), {}});
   refuses({{}, {}, {}, std::vector<double>(m, 1.5)});
+  refuses({{}, {}, {}, {}, {true}});
 }
 
 TEST_CASE("no loss ends above an objective that a start had") {

@@ -38,7 +38,7 @@ struct EdgeKnowledge {
   std::vector<double> initial_weights;
   /// Edges that are hardly ever wrong, as a trajectory's odometry is. It counts where nothing is
   /// trusted: of two answers the one that bends fewer of them may be preferred (odometry.hpp).
-  std::vector<bool> odometry;
+  std::vector<bool> odometry{};
 
   /// @throws std::invalid_argument unless all are of m edges and in range
   void check(const MeasurementGraph& graph) const {
