@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import rotavg
+from rotavg.cli.main import commands
 from rotavg.graph.conventions import matrices_from_quaternions, matrices_from_rotvecs
 
 SEED = int(os.environ.get("ROTAVG_TEST_SEED", "20210712"))
@@ -256,3 +260,21 @@ def test_poses_trust_what_the_rotations_do() -> None:
     assert rotavg.refine_poses(inherited, loss="tls").edge_shares[step] == 1.0, f"seed {SEED}"
     with pytest.raises(rotavg.OptionError, match='trusted is for a robust loss, and this is "l2"'):
         rotavg.refine_poses(rotavg.solve(graph), trusted="odometry")
+
+
+def test_the_command_tells_of_favoured_odometry(tmp_path: Path) -> None:
+    rng = np.random.default_rng(SEED)
+    edges, R, weights, wrong, _ = places_taken_for_others(rng, 300)
+    file = tmp_path / "graph.txt"
+    rotavg.write(file, rotavg.MeasurementGraph(edges, R, weights))
+    command = ["solve", str(file), "--loss", "auto", "--json", "--no-certify"]
+    by_default = json.loads(CliRunner().invoke(commands, command).stdout)["robust"]
+    alike = json.loads(CliRunner().invoke(commands, [*command, "--no-odometry"]).stdout)["robust"]
+    assert by_default["favoured"] > 200
+    assert by_default["outliers"] == wrong.sum()
+    assert by_default["odometry_doubt"] is None
+    assert alike["favoured"] == 0
+    assert "edges between consecutive numbers are outliers" in alike["odometry_doubt"]
+    both = CliRunner().invoke(commands, [*command, "--no-odometry", "--trust-odometry"])
+    assert both.exit_code == 2
+    assert "contradict each other" in both.output

@@ -60,8 +60,8 @@ class KnownEdges:
 
     trusted_path: Path | None
     trust_odometry: bool
-    no_odometry: bool
     excluded_path: Path | None
+    no_odometry: bool = False
 
     @property
     def paths(self) -> tuple[Path | None, ...]:
