@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <random>
 #include <utility>
@@ -22,6 +23,22 @@
 #pragma GCC diagnostic ignored "-Wsign-conversion"  // an Index is signed, a vector's size is not
 
 namespace rotavg {
+
+namespace detail {
+
+/// The factor of a component's grounded Laplacian; null where it would take more than so many
+/// operations, or on being stopped.
+inline std::unique_ptr<BlockCholesky<1>> laplacian_factor(const MeasurementGraph& graph,
+                                                          Elimination& elimination,
+                                                          double max_flops, int num_threads,
+                                                          const std::function<bool()>& keep_going) {
+  if (elimination.flops(1, max_flops) > max_flops) return nullptr;
+  auto cholesky = std::make_unique<BlockCholesky<1>>(elimination.symbolic(), num_threads);
+  const auto outcome = cholesky->factorize(grounded_laplacian(graph, elimination), 0.0, keep_going);
+  return outcome == CholeskyOutcome::positive_definite ? std::move(cholesky) : nullptr;
+}
+
+}  // namespace detail
 
 /// The effective resistances between pairs of nodes, (e_i - e_j)^T L^+ (e_i - e_j), where the
 /// weights are conductances: of measurements with these precisions the variance with which least
@@ -53,15 +70,12 @@ inline std::optional<std::vector<double>> effective_resistances(
   }
   for (Elimination& elimination : grounded_eliminations(graph, components, num_threads)) {
     if (elimination.size() == 0) continue;
-    if (elimination.flops(1, max_flops) > max_flops) return std::nullopt;
-    BlockCholesky<1> cholesky(elimination.symbolic(), num_threads);
-    if (cholesky.factorize(grounded_laplacian(graph, elimination), 0.0, keep_going) !=
-        CholeskyOutcome::positive_definite) {
-      return std::nullopt;
-    }
+    const auto cholesky =
+        detail::laplacian_factor(graph, elimination, max_flops, num_threads, keep_going);
+    if (!cholesky) return std::nullopt;
     Eigen::MatrixXd X(elimination.size(), samples);
     for (Index a = 0; a < elimination.size(); ++a) X.row(a) = Y.col(elimination.node(a));
-    cholesky.solve_in_place(X);
+    cholesky->solve_in_place(X);
     for (Index a = 0; a < elimination.size(); ++a) Y.col(elimination.node(a)) = X.row(a);
     Y.col(elimination.root()).setZero();
   }
@@ -73,9 +87,10 @@ inline std::optional<std::vector<double>> effective_resistances(
   return resistances;
 }
 
-/// The effective resistances (m,) between the ends of every edge, exactly: from the entries of the
-/// inverse where the factor has some. Of least squares, 1 / weight less this is the variance of the
-/// edge's own residual, per axis and unit variance of the noise; zero of a bridge.
+/// The effective resistances R (m,) between the ends of every edge, exactly: from the entries of
+/// the inverse where the factor has entries, as it has at every edge. Of least squares, 1 / weight
+/// - R is the variance of the edge's own residual, per axis and unit variance of the noise: zero of
+/// a bridge.
 ///
 /// @param max_flops, keep_going as above
 inline std::optional<std::vector<double>> edge_resistances(
@@ -85,25 +100,21 @@ inline std::optional<std::vector<double>> edge_resistances(
   std::vector<double> resistances(graph.edges().size(), 0.0);
   for (Elimination& elimination : grounded_eliminations(graph, components, num_threads)) {
     if (elimination.size() == 0) continue;
-    if (elimination.flops(1, max_flops) > max_flops) return std::nullopt;
-    BlockCholesky<1> cholesky(elimination.symbolic(), num_threads);
-    if (cholesky.factorize(grounded_laplacian(graph, elimination), 0.0, keep_going) !=
-        CholeskyOutcome::positive_definite) {
-      return std::nullopt;
-    }
-    const SelectedInverse<1> inverse(cholesky, keep_going);
+    const auto cholesky =
+        detail::laplacian_factor(graph, elimination, max_flops, num_threads, keep_going);
+    if (!cholesky) return std::nullopt;
+    const SelectedInverse<1> inverse(*cholesky, keep_going);
     if (inverse.stopped()) return std::nullopt;
     const auto row = [&](Index i) {
       return i == elimination.root() ? -1 : components.row_in_component[i] - elimination.skipped();
     };
-    for (Index k = 0; k < graph.num_edges(); ++k) {
-      const Edge& e = graph.edges()[k];
-      if (components.label[e.i] != elimination.component()) continue;
-      const Index a = row(e.i), b = row(e.j);
-      const auto entry = [&](Index c, Index d) {
-        return c < 0 || d < 0 ? 0.0 : inverse(c, d)(0, 0);
-      };
-      resistances[k] = entry(a, a) + entry(b, b) - 2.0 * entry(a, b);
+    const auto entry = [&](Index a, Index b) { return a < 0 || b < 0 ? 0.0 : inverse(a, b)(0, 0); };
+    for (const Index i : components.nodes[elimination.component()]) {
+      for (const HalfEdge& h : graph.row(i)) {
+        if (graph.edges()[h.edge()].i != i) continue;  // once, from its first end
+        const Index a = row(i), b = row(h.node);
+        resistances[h.edge()] = entry(a, a) + entry(b, b) - 2.0 * entry(a, b);
+      }
     }
   }
   return resistances;

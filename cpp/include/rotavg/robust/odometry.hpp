@@ -101,8 +101,8 @@ inline bool bends_odometry(RobustRun& run, const Rotations& R, const std::vector
   constexpr double coarse = 0.1, noises = 5.0;
   if (noise > coarse) return true;
   const std::vector<double>& x = run.squared_residuals_at(R);
+  const double most = noises * noises * noise * noise;
   for (std::size_t k = 0; k < x.size(); ++k) {
-    const double most = noises * noises * noise * noise;
     if (odometry[k] && x[k] * precision_of(run.free_precision(), k) > most) return true;
   }
   return false;
